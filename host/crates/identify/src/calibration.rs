@@ -5,11 +5,11 @@ use serde::Serialize;
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::chain::{N, OWN, State};
+use super::hierarchy::{self, Fit};
 use super::identifiability::Identifiability;
 use super::load::Nominal;
-use super::map::{self, Fit};
 use super::options::{Method, Model, Options};
-use super::parameters::{Layout, Reference, Unit};
+use super::parameters::{Kind, Layout, Override, Overrides, Reference, Unit};
 use super::residuals::{GroupFit, Residual, residuals};
 use super::target_fit::{OrientationFit, TargetFit, target_fits};
 use spherecal_model::{Experiment, Pose, Sphere};
@@ -48,13 +48,17 @@ pub struct FramePose {
     pub base: Pose,
 }
 
-/// Factors on the table's priors of the robot's effects.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct PriorFactors {
-    /// Of joint compliance, link bending and base tilt.
-    pub stiffness: f64,
-    /// Of encoder harmonics.
-    pub harmonics: f64,
+/// Noise that the data have, each 1 sigma.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct NoiseFound {
+    /// Error of each joint angle that the model does not describe, in rad.
+    pub joint_rad: f64,
+    /// Seating of the nest on a sphere, each axis, in m.
+    pub seating_m: f64,
+    /// A measured point, each axis, in m.
+    pub point_m: f64,
+    /// Degrees of freedom of Student's t; 0 for normal noise.
+    pub student_t: f64,
 }
 
 /// A calibrated robot.
@@ -94,23 +98,12 @@ pub struct Calibration {
     pub targets: Vec<TargetFit>,
     /// The measured orientations, where the data have them.
     pub orientation: Option<OrientationFit>,
-    /// Noise found, as a factor on [`super::Noise`]. Where rows have several parts, the noise of each was
-    /// estimated before ([`Self::targets`]), and this is about 1.
-    pub noise_scale: f64,
+    /// Noise found.
+    pub noise: NoiseFound,
     /// Parameters that the data determine, out of those free.
     pub effective_parameters: f64,
     /// Natural logarithm of the model's evidence; compares models on the same data.
     pub log_evidence: f64,
-    /// Factors on the priors of the effects that the evidence chose.
-    pub prior_factors: PriorFactors,
-    /// Natural logarithm of the likelihood of heavy tails of the residuals over light ones; 0 where
-    /// none was compared.
-    pub heavy_tails: f64,
-    /// Highest order of the encoder harmonics that the evidence left in the model.
-    pub harmonic_orders: usize,
-    /// Factor on the noise in estimate and covariance: 1 where residuals do not
-    /// repeat from pose to pose, up to [`super::Noise::inflation`] where they do.
-    pub noise_inflation: f64,
     /// Whether the robot's description has no masses, so that assumed ones gave
     /// the load its shape (and compliance is relative to them).
     pub assumed_masses: bool,
@@ -243,26 +236,61 @@ impl Calibration {
         columns
     }
 
-    /// How the TCP in F0 depends on the free parameters at the configurations (three
-    /// rows each), the covariance of those parameters, and the standard deviations of their priors: of all on
-    /// which it depends.
-    pub(crate) fn spread_in_base(&self, configurations: &[Vec<f64>]) -> (DMatrix<f64>, DMatrix<f64>, Vec<f64>) {
-        let free = &self.inner.columns;
-        let mut columns = DMatrix::zeros(3 * configurations.len(), free.len());
-        for (k, q) in configurations.iter().enumerate() {
-            let own = self.prediction_columns(q, false).select_columns(free);
-            columns.rows_mut(3 * k, 3).copy_from(&own);
+    /// How the TCP depends on the free parameters at joint angles `q`, and on the joints' errors (3 x free, axes of F0). With
+    /// a frame and a sphere, the prediction is that of a measurement there.
+    pub(crate) fn columns_at(
+        &self,
+        q: &[f64],
+        seen: Option<(Reference, Option<u32>)>,
+    ) -> (DMatrix<f64>, Vec<Vector3<f64>>) {
+        let (layout, state) = (&self.inner.layout, &self.inner.state);
+        let turn = self.base.rotation.transpose();
+        let mut all = self.prediction_columns(q, false);
+        for mut column in all.column_iter_mut() {
+            let turned = turn * Vector3::new(column[0], column[1], column[2]);
+            column.copy_from(&turned);
         }
-        let moving: Vec<usize> = (0..free.len()).filter(|&c| columns.column(c).amax() > 0.0).collect();
-        let covariance = self.covariance.select_rows(&moving).select_columns(&moving);
-        let priors: Vec<f64> = self
-            .parameters
-            .iter()
-            .filter(|p| p.free)
-            .map(|p| p.prior_sigma)
-            .collect();
-        let priors = moving.iter().map(|&c| priors.get(c).copied().unwrap_or(f64::INFINITY));
-        (columns.select_columns(&moving), covariance, priors.collect())
+        let joint = |j: usize| all.fixed_view::<3, 1>(0, layout.joint(j)).into();
+        let joints = (0..layout.n).map(joint).collect();
+        if let Some((reference, sphere)) = seen
+            && let Some(at) = layout.references.iter().position(|r| *r == reference)
+        {
+            let base = &state.bases[at];
+            let tcp = base.rotation * self.tcp_m(q, None);
+            for axis in 0..3 {
+                let e: Vector3<f64> = Vector3::ith(axis, 1.0);
+                let shift = base.rotation.tr_mul(&e);
+                all.fixed_view_mut::<3, 1>(0, layout.base(at) + axis).copy_from(&shift);
+                let turned = base.rotation.tr_mul(&e.cross(&tcp));
+                all.fixed_view_mut::<3, 1>(0, layout.base(at) + 3 + axis)
+                    .copy_from(&turned);
+                if let Some(s) = sphere.and_then(|id| layout.spheres.iter().position(|own| *own == id)) {
+                    all.fixed_view_mut::<3, 1>(0, layout.sphere(s) + axis)
+                        .copy_from(&-shift);
+                }
+            }
+        }
+        (all.select_columns(&self.inner.columns), joints)
+    }
+
+    /// The priors of links and tool with the sizes that the fit found.
+    pub(crate) fn geometric_priors(&self) -> Overrides {
+        let geometric = |kind: &Kind| {
+            matches!(
+                kind,
+                Kind::Alpha(_) | Kind::A(_) | Kind::Beta(_) | Kind::D(_) | Kind::Theta(_) | Kind::Tool(_)
+            )
+        };
+        let own = self.inner.layout.kinds().into_iter().zip(&self.parameters);
+        let found = own.filter(|(kind, _)| geometric(kind)).map(|(_, p)| {
+            let set = Override {
+                prior_sigma: p.free.then_some(p.prior_sigma),
+                free: Some(p.free),
+                ..Override::default()
+            };
+            (p.name.clone(), set)
+        });
+        Overrides(found.collect())
     }
 
     /// Names of the free parameters, in the order of [`Self::covariance`].
@@ -272,20 +300,6 @@ impl Calibration {
             .filter(|p| p.free)
             .map(|p| p.name.as_str())
             .collect()
-    }
-
-    /// How the TCP depends on the free parameters at joint angles `q` (3 rows, axes of
-    /// F0), and where the arm stands.
-    pub(crate) fn workspace_rows(&self, q: &[f64]) -> (DMatrix<f64>, crate::diagnosis::linear::Posture) {
-        let inner = &self.inner;
-        let load = inner.nominal.load(q, None);
-        let k = inner.state.evaluate(&pad(q), &load);
-        let r = DMatrix::from_iterator(3, 3, self.base.rotation.transpose().iter().copied());
-        let columns: DMatrix<f64> = r * self.prediction_columns(q, false);
-        (
-            columns.select_columns(&inner.columns),
-            crate::diagnosis::linear::Posture::new(&inner.layout, &k, q, &load),
-        )
     }
 
     /// Correlation matrix of the free parameters.
@@ -361,7 +375,7 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
     });
     let (residual, groups) = residuals(&fit);
     let (targets, orientation) = target_fits(&fit);
-    let joint_noise = fit.whitening.joint * fit.scale.powi(2);
+    let joint_noise = fit.whitening.joint;
     Calibration {
         method: options.method,
         model,
@@ -380,16 +394,14 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
         groups,
         targets,
         orientation,
-        noise_scale: fit.scale,
+        noise: NoiseFound {
+            joint_rad: fit.whitening.joint.sqrt(),
+            seating_m: fit.whitening.seating.sqrt(),
+            point_m: fit.whitening.point.sqrt(),
+            student_t: fit.nu,
+        },
         effective_parameters: fit.effective,
         log_evidence: fit.log_evidence,
-        prior_factors: PriorFactors {
-            stiffness: fit.choice.stiffness,
-            harmonics: fit.choice.harmonics,
-        },
-        heavy_tails: fit.heavy_tails,
-        harmonic_orders: fit.choice.orders.min(layout.orders),
-        noise_inflation: fit.inflation,
         assumed_masses: nominal.assumed(),
         inner: Inner {
             layout: layout.clone(),
@@ -397,7 +409,7 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
             nominal: nominal.clone(),
             columns: fit.unknowns.columns.clone(),
             joint_variance: joint_noise,
-            measured_torque: map::measured(experiment, nominal, options.torque),
+            measured_torque: hierarchy::measured(experiment, nominal, options.torque),
         },
         covariance: fit.covariance,
     }

@@ -18,7 +18,7 @@ use super::seen::{RowPart, Seen};
 /// Largest number of joints, as a length of arrays.
 pub(crate) const N: usize = MAX_JOINTS;
 /// Room for the general columns of any layout and the six of a base.
-pub(crate) const OWN: usize = 5 * N + 14 + 3 * MOST_TARGETS;
+pub(crate) const OWN: usize = 5 * N + 15 + 3 * MOST_TARGETS;
 
 /// Cosine and sine by joint.
 pub(crate) type Trig = [(f64, f64); N];
@@ -115,6 +115,9 @@ pub(crate) struct State {
     pub(crate) bending: Vec<[f64; 2]>,
     /// Base tilt about x and y, rad/(N m).
     pub(crate) tilt: [f64; 2],
+    /// Scale of the measured points or of the certificate, minus one.
+    #[serde(default)]
+    pub(crate) scale: f64,
     /// Offsets from the certificate, in m.
     pub(crate) spheres: Vec<Vector3<f64>>,
     /// Seats of rows that have one of their own: sphere minus TCP in the flange frame, in m.
@@ -155,6 +158,7 @@ impl State {
             harmonics: vec![vec![[0.0; 2]; layout.orders]; n],
             bending: vec![[0.0; 2]; n],
             tilt: [0.0; 2],
+            scale: 0.0,
             spheres: vec![Vector3::zeros(); layout.spheres.len()],
             seats: vec![Vector3::zeros(); layout.seats.len()],
             links: Vec::new(),
@@ -194,6 +198,7 @@ impl State {
             Kind::Body(k) => Some(nalgebra::Rotation3::from_matrix_unchecked(self.body).scaled_axis()[k]),
             Kind::Bending(i, k) => self.bending.get(i).and_then(|b| b.get(k)).copied(),
             Kind::Tilt(k) => self.tilt.get(k).copied(),
+            Kind::Scale => Some(self.scale),
             Kind::Compliance(i) => self.compliance.get(i).copied(),
             Kind::Cosine(i, k) => self
                 .harmonics
@@ -230,6 +235,7 @@ impl State {
             }
             Kind::Bending(i, k) => self.bending.get_mut(i).and_then(|b| b.get_mut(k)),
             Kind::Tilt(k) => self.tilt.get_mut(k),
+            Kind::Scale => Some(&mut self.scale),
             Kind::Compliance(i) => self.compliance.get_mut(i),
             Kind::Cosine(i, k) => order(&mut self.harmonics, i, k).map(|h| &mut h[0]),
             Kind::Sine(i, k) => order(&mut self.harmonics, i, k).map(|h| &mut h[1]),
@@ -384,9 +390,24 @@ impl State {
         if let Some(offset) = observation.sphere.and_then(|s| self.spheres.get(s)) {
             target += offset;
         }
-        match self.bases.get(observation.reference) {
-            Some(base) => tcp - base.inverse_point(&target),
-            None => tcp - target,
+        tcp - self.true_place(observation.reference, &target)
+    }
+
+    /// Where a target (m, reference frame) that was measured with the scale is in F0.
+    #[inline]
+    pub(crate) fn true_place(&self, reference: usize, target: &Vector3<f64>) -> Vector3<f64> {
+        match (self.bases.get(reference), self.pivots.get(reference)) {
+            (Some(base), Some(pivot)) => base.inverse_point(&(target - (target - pivot) * self.scale)),
+            _ => *target,
+        }
+    }
+
+    /// Column of the scale for a target, in F0: how the residual moves.
+    #[inline]
+    pub(crate) fn scale_column(&self, reference: usize, target: &Vector3<f64>) -> Vector3<f64> {
+        match (self.bases.get(reference), self.pivots.get(reference)) {
+            (Some(base), Some(pivot)) => base.rotation.tr_mul(&(target - pivot)),
+            _ => Vector3::zeros(),
         }
     }
 }

@@ -7,10 +7,6 @@ use std::collections::HashMap;
 
 use spherecal_model::{Experiment, Observation, Target};
 
-/// Runs of rows into which a course is divided, about, and fewest rows of one.
-const RUNS: usize = 25;
-const SHORTEST: usize = 6;
-
 /// The course of an experiment: one entry per observation.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Course {
@@ -126,23 +122,6 @@ impl Course {
         }
     }
 
-    /// Number of the run of rows in which each observation was made, from 0: some rows of one coupling that follow
-    /// each other. A nest that finds another seat while it turns keeps it for about a run.
-    pub(crate) fn runs(&self) -> Vec<usize> {
-        let longest = self.coupling.len().div_ceil(RUNS).max(SHORTEST);
-        let (mut number, mut count) = (0, 0);
-        let mut before = None;
-        let run = |coupling: &usize| {
-            if before.is_some_and(|b| b != *coupling) || count == longest {
-                (number, count) = (number + 1, 0);
-            }
-            before = Some(*coupling);
-            count += 1;
-            number
-        };
-        self.coupling.iter().map(run).collect()
-    }
-
     /// Number of couplings.
     pub fn couplings(&self) -> usize {
         self.coupling.iter().max().map_or(0, |m| m + 1)
@@ -155,7 +134,7 @@ mod tests {
     use spherecal_model::{Observation, Set, Target};
 
     // Fails if couplings that lose all their rows leave gaps in the numbers, if two
-    // couplings become one, if a run joins two couplings, or if a row gets the time or the move of another.
+    // couplings become one or if a row gets the time or the move of another.
     #[test]
     fn a_part_of_the_rows_keeps_couplings_and_times() {
         let course = Course {
@@ -174,12 +153,6 @@ mod tests {
         let part = course.with_moves(&observations).of_rows(&[1, 3, 4, 5]);
         assert_eq!(part.coupling, [0, 1, 1, 2]);
         assert_eq!(part.time, [0.2, 0.6, 0.8, 1.0]);
-        // Runs end with their coupling, and after six rows.
-        let long = Course {
-            coupling: [vec![0; 8], vec![1; 2], vec![0; 3]].concat(),
-            ..Course::default()
-        };
-        assert_eq!(long.runs(), [0, 0, 0, 0, 0, 0, 1, 1, 2, 2, 3, 3, 3]);
         // Row 1 moved from row 0, row 4 from row 3; rows 3 and 5 began a coupling.
         assert_eq!(part.moves, [Some(vec![1.0]), None, Some(vec![7.0]), None]);
     }

@@ -16,11 +16,10 @@ use spherecal_shared::robot::Tool;
 use super::algorithm1::{Columns, Scaling, position_jacobian, reduce};
 use super::calibration::{Calibration, finish};
 use super::chain::{Prepared, State};
-use super::effects::EffectPriors;
 use super::error::IdentifyError;
+use super::hierarchy::{FEWEST, Fit, prepare, register};
 use super::identifiability::analyse;
 use super::load::Nominal;
-use super::map::{FEWEST, Fit, prepare, register};
 use super::normal::{Whitening, accumulate, groups};
 use super::options::{Method, Model, Options, Pairs, Torque};
 use super::parameter_table::table;
@@ -316,16 +315,16 @@ impl DistanceProblem {
             nominal: self.nominal.clone(),
             groups: grouped,
             prepared: self.prepared.clone(),
-            whitening,
+            whitening: Whitening {
+                seating: millimetre * variance,
+                point: millimetre * variance,
+                ..whitening
+            },
             weights,
-            richer: None,
-            scale: variance.sqrt().max(1e-9),
             effective: m as f64,
             covariance,
             log_evidence: f64::NAN,
-            choice: EffectPriors::default(),
-            heavy_tails: 0.0,
-            inflation: 1.0,
+            nu: 0.0,
             identifiability,
         };
         finish(experiment, options, Model::Geometry, fit)

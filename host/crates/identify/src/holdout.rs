@@ -12,9 +12,8 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::error::IdentifyError;
-use super::geometry_fit;
+use super::hierarchy::{self, Fit, prepare};
 use super::load::Nominal;
-use super::map::{self, Fit, prepare};
 use super::options::{Method, Model, Options};
 use super::parameters::Layout;
 use super::targets::reference_of;
@@ -158,18 +157,7 @@ pub(crate) fn regions(experiment: &Experiment, count: usize) -> Vec<usize> {
 /// Everything that [`super::identify`] refuses, and a split with fewer than two parts.
 pub fn holdout(experiment: &Experiment, options: &Options, split: &Split) -> Result<Holdout, IdentifyError> {
     held_out(experiment, options, split, |experiment, options, model, of, part| {
-        geometry_fit::fit(experiment, options, model, |i| of.get(i) != Some(&part))
-    })
-}
-
-/// The same with each model judged by its own weights: to compare models, none of which is known to be right.
-pub(crate) fn holdout_by_own_weights(
-    experiment: &Experiment,
-    options: &Options,
-    split: &Split,
-) -> Result<Holdout, IdentifyError> {
-    held_out(experiment, options, split, |experiment, options, model, of, part| {
-        map::fit(experiment, options, model, |i| of.get(i) != Some(&part))
+        hierarchy::fit(experiment, options, model, |i| of.get(i) != Some(&part))
     })
 }
 

@@ -48,28 +48,24 @@
 pub mod algorithm1;
 pub mod arcs;
 mod calibration;
+pub mod causes;
 mod chain;
 pub mod check;
-mod choice;
 mod compensate;
-mod components;
 mod course;
-pub mod diagnosis;
+mod dense;
 mod distance;
-mod effects;
 mod error;
 mod errors;
 pub mod evaluate;
-mod expected_error;
 mod flange;
-mod geometry_fit;
 mod geometry_only;
+mod hierarchy;
 mod holdout;
 pub mod identifiability;
 mod judge;
 mod judge_targets;
 mod load;
-mod map;
 mod noise_scale;
 mod normal;
 mod options;
@@ -79,22 +75,21 @@ pub mod parameters;
 mod parts;
 pub mod priors;
 mod recordings;
-pub mod residual_map;
 mod residuals;
 mod rows;
-mod search;
 mod seen;
 pub mod simplex;
 mod solve;
 mod start_targets;
+mod statement;
 pub mod study;
 mod target_fit;
 mod targets;
 pub mod validate;
 pub mod verdict;
+mod workspace;
 
-pub use calibration::{Calibration, FramePose, ParameterEstimate, PriorFactors};
-pub use choice::{RefusedModel, choose_model};
+pub use calibration::{Calibration, FramePose, NoiseFound, ParameterEstimate};
 pub use distance::{DistanceProblem, halton_configurations};
 pub use error::IdentifyError;
 pub use evaluate::{Estimator, EvaluateError, EvaluateOptions, Evaluation, evaluate};
@@ -108,8 +103,10 @@ pub use residuals::{GroupFit, Outlier, Residual, ResidualRow};
 pub use rows::DesignModel;
 pub use spherecal_model::{DataError, Experiment, Observation, Pose, Set, Sphere, Target, fit_pose, paper_plate};
 pub use spherecal_shared::robot::{Robot, Tool};
+pub use statement::{BudgetTerm, ErrorBudget, ExpectedError, ExpectedErrors, Source, Statement};
 pub use target_fit::{OrientationFit, TargetFit};
-pub use verdict::{Check, ExpectedError, Verdict};
+pub use verdict::{Check, Verdict};
+pub use workspace::{WORKSPACE, workspace};
 
 /// Identifies a robot from an experiment's calibration set.
 ///
@@ -135,11 +132,11 @@ pub fn identify(experiment: &Experiment, options: &Options) -> Result<Calibratio
     options.check()?;
     match options.method {
         Method::Full => {
-            let fit = geometry_fit::fit(experiment, options, options.model, |_| true)?;
+            let fit = hierarchy::fit(experiment, options, options.model, |_| true)?;
             Ok(calibration::finish(experiment, options, options.model, fit))
         }
         Method::Geometry => {
-            let fit = geometry_fit::fit(experiment, options, Model::Geometry, |_| true)?;
+            let fit = hierarchy::fit(experiment, options, Model::Geometry, |_| true)?;
             Ok(calibration::finish(experiment, options, Model::Geometry, fit))
         }
         Method::Lm | Method::GaussNewton => distance::identify(experiment, options),

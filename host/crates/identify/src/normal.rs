@@ -31,9 +31,7 @@ use super::chain::{N, Prepared, State};
 use super::parameters::Layout;
 
 pub(crate) use self::groups::{Group, groups};
-pub(crate) use self::likelihood::{
-    WhitenedTarget, distances, likelihoods, likelihoods_of_tails, log_determinant, whitened_rows,
-};
+pub(crate) use self::likelihood::{WhitenedTarget, distances, log_determinant, plain_columns, whitened_rows};
 pub(crate) use self::whitening::{Root, Whitening};
 
 /// Parts of poses that are whitened before they are multiplied: fits the cache.
@@ -273,37 +271,6 @@ fn scatter(layout: &Layout, joint: usize, places: &[(usize, usize, f64)], sum: &
             }
         }
     }
-}
-
-/// Gradient alone, where the matrix of an earlier state still serves.
-pub(crate) fn gradient(
-    state: &State,
-    layout: &Layout,
-    prepared: &[Prepared],
-    groups: &[Group],
-    whitening: &Whitening,
-    weights: &[f64],
-) -> DVector<f64> {
-    let mut total = DVector::zeros(layout.len());
-    let sum = |members: &[usize]| {
-        let mut sum = Gradient::new(layout);
-        for &index in members {
-            let observation = &prepared[index];
-            PoseColumns::each(state, layout, observation, whitening, weights[index], |pose| {
-                pose.add_gradient(layout, observation, &mut sum);
-            });
-        }
-        sum
-    };
-    by_group(groups, sum, Gradient::add, |group, sum| {
-        for (c, column, sign) in places(layout, group) {
-            total[column] += sign * sum.own[c];
-        }
-        for (at, value) in (layout.joint(0)..).zip(&sum.joints) {
-            total[at] += value;
-        }
-    });
-    total
 }
 
 #[cfg(test)]

@@ -6,8 +6,8 @@ use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
 use super::groups::BLOCK;
 use super::*;
+use crate::hierarchy::prepare;
 use crate::load::Nominal;
-use crate::map::prepare;
 use crate::options::Torque;
 
 /// Rows at random configurations, some by the tracker, some on two spheres.

@@ -229,7 +229,7 @@ impl Default for Options {
         Self {
             method: Method::Full,
             model: Model::Full,
-            harmonics: 12,
+            harmonics: 30,
             noise: Noise::default(),
             student_t: 4.0,
             torque: Torque::Auto,

@@ -32,6 +32,9 @@ pub enum Unit {
     /// Radian per newton metre.
     #[serde(rename = "rad/(N m)")]
     RadianPerNewtonMetre,
+    /// A ratio.
+    #[serde(rename = "1")]
+    One,
 }
 
 impl Unit {
@@ -41,6 +44,7 @@ impl Unit {
             Self::Metre => "m",
             Self::Radian => "rad",
             Self::RadianPerNewtonMetre => "rad/(N m)",
+            Self::One => "1",
         }
     }
 }
@@ -79,6 +83,8 @@ pub enum Kind {
     Base(usize, usize),
     /// Sphere's position within its certificate: index, axis.
     Sphere(usize, usize),
+    /// Scale of the measured points or of the certificate, about their mean: measured over true, minus one.
+    Scale,
     /// Where a sphere sat in some rows, seen from the TCP, in the flange frame: index, axis.
     Seat(usize, usize),
 }
@@ -213,7 +219,7 @@ impl Layout {
 
     /// Columns before the joint blocks.
     pub(crate) fn general(&self) -> usize {
-        self.target(self.targets.saturating_sub(1)) + if self.body { 3 } else { 0 }
+        self.scale() + 1
     }
 
     /// First column of target `further` (target 2.. from 0).
@@ -224,6 +230,11 @@ impl Layout {
     /// First column of the measured body's orientation.
     pub(crate) fn body(&self) -> Option<usize> {
         self.body.then(|| self.target(self.targets.saturating_sub(1)))
+    }
+
+    /// Column of the scale.
+    pub(crate) fn scale(&self) -> usize {
+        self.target(self.targets.saturating_sub(1)) + if self.body { 3 } else { 0 }
     }
 
     /// Columns per joint.
@@ -279,6 +290,7 @@ impl Layout {
         if self.body {
             kinds.extend((0..3).map(Kind::Body));
         }
+        kinds.push(Kind::Scale);
         for joint in 0..self.n {
             kinds.push(Kind::Theta(joint));
             if self.stiffness {
@@ -318,6 +330,7 @@ pub(crate) fn name_of(kind: Kind, layout: &Layout) -> (String, Unit) {
         Kind::Target(t, k) => (format!("target{}_{}", t + 2, axis(k)), Unit::Metre),
         Kind::Body(k) => (format!("orientation_r{}", axis(k)), Unit::Radian),
         Kind::Bending(i, k) => (format!("bending{}_{}", i + 1, axis(k)), Unit::RadianPerNewtonMetre),
+        Kind::Scale => ("scale".to_owned(), Unit::One),
         Kind::Tilt(k) => (format!("tilt_{}", axis(k)), Unit::RadianPerNewtonMetre),
         Kind::Compliance(i) => (format!("compliance{}", i + 1), Unit::RadianPerNewtonMetre),
         Kind::Cosine(i, k) => (format!("harmonic{}_cos{k}", i + 1), Unit::Radian),

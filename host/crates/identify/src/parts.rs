@@ -90,6 +90,7 @@ impl State {
                 let k = self.moved(k, load, number);
                 self.columns(layout, &k, load, general, joints);
                 layout.lead(number, general);
+                general[layout.scale()] = self.scale_column(observation.reference, &at);
                 let arm = k.tcp - self.pivot(observation.reference);
                 (self.off(observation, &k, &at), arm)
             }
@@ -101,10 +102,7 @@ impl State {
     }
 
     fn off(&self, observation: &Prepared, k: &Kinematics, at: &Vector3<f64>) -> Vector3<f64> {
-        match self.bases.get(observation.reference) {
-            Some(base) => k.tcp - base.inverse_point(at),
-            None => k.tcp - at,
-        }
+        k.tcp - self.true_place(observation.reference, at)
     }
 
     fn turned_off(&self, observation: &Prepared, k: &Kinematics, measured: &Matrix3<f64>) -> Vector3<f64> {

@@ -18,6 +18,8 @@ pub const SEAT_SIGMA_M: f64 = 0.5e-3;
 pub const TARGET_SIGMA_M: f64 = 0.05;
 /// Prior of the measured body's orientation about the first fit's, in rad.
 pub const BODY_SIGMA_RAD: f64 = 0.1;
+/// Prior of the scale of an instrument or a certificate: a laser tracker or a coordinate measuring machine.
+pub const SCALE_SIGMA: f64 = 1e-5;
 /// Prior of the base's position about its registration: none worth the name, in m.
 pub const BASE_SIGMA_M: f64 = 10.0;
 /// Prior of the base's rotation about its registration, in rad: far wider than
@@ -135,6 +137,12 @@ pub(crate) fn default_of(kind: Kind, experiment: &Experiment, layout: &Layout) -
             let sigma = if k < 3 { BASE_SIGMA_M } else { BASE_SIGMA_RAD };
             (0.0, sigma, false, "flat: only the data say where the base is")
         }
+        Kind::Scale => (
+            0.0,
+            SCALE_SIGMA,
+            false,
+            "calibration of the instrument, or of what measured the plate",
+        ),
         Kind::Sphere(s, _) => {
             let sigma = layout
                 .spheres

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::chain::{N, Prepared};
-use super::map::Fit;
+use super::hierarchy::Fit;
 use super::normal::Root;
 use super::parameters::Reference;
 
@@ -85,12 +85,12 @@ pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
         let residual = state.residual(observation, &k.tcp);
         let white = root.times(&residual);
         let deviation = if observation.further.is_empty() {
-            white.norm() / fit.scale
+            white.norm()
         } else {
             let blocks = state.further(layout.n, observation, &k);
             let joints = columns.map(|column| root.times(&column));
             let (rest, _) = fit.whitening.further_parts(layout.n, joints, white, &blocks);
-            ((white.norm_squared() + rest) * 3.0 / observation.numbers()).sqrt() / fit.scale
+            ((white.norm_squared() + rest) * 3.0 / observation.numbers()).sqrt()
         };
         let rotation = state.bases.get(observation.reference).map(|b| b.rotation);
         let error = rotation.unwrap_or_else(Matrix3::identity) * residual * 1000.0;
@@ -130,25 +130,15 @@ pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
             }
         })
         .collect();
-    // What a poor model cannot follow is no outlier.
-    let decided = |k: usize, row: &ResidualRow| {
-        let richer = fit.richer.as_ref().and_then(|richer| richer.get(k));
-        richer.copied().unwrap_or(row.deviation)
-    };
-    let by = match fit.richer {
-        Some(_) => " by the full model",
-        None => "",
-    };
     let outliers = rows
         .iter()
-        .enumerate()
-        .map(|(k, row)| (row, decided(k, row)))
-        .filter(|(_, deviation)| *deviation > OUTLIER_SIGMAS)
-        .map(|(row, deviation)| Outlier {
+        .filter(|row| row.deviation > OUTLIER_SIGMAS)
+        .map(|row| Outlier {
             index: row.index,
             why: format!(
-                "{:.3} mm from its target, {deviation:.1} times the noise{by}: counted with weight {:.2}",
+                "{:.3} mm from its target, {:.1} times the noise: counted with weight {:.2}",
                 length(row),
+                row.deviation,
                 row.weight
             ),
         });

@@ -1,8 +1,9 @@
 //! Posterior of a linearised model: normal equations plus priors, scaled and factorised, and
 //! inverted if the covariance is needed.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use nalgebra::{DMatrix, DVector};
 
+use super::dense::{Factor, transposed_product};
 use super::error::IdentifyError;
 use super::normal::Normal;
 use super::parameters::Parameter;
@@ -36,7 +37,7 @@ impl Unknowns {
 /// A factorised posterior `A = H/s² + Λ`, scaled to a unit diagonal.
 pub(crate) struct Posterior {
     scale: DVector<f64>,
-    factor: Cholesky<f64, Dyn>,
+    factor: Factor,
 }
 
 impl Posterior {
@@ -60,7 +61,7 @@ impl Posterior {
                 a[(r, c)] *= scale[r] * scale[c];
             }
         }
-        let factor = Cholesky::new(a).ok_or_else(singular)?;
+        let factor = Factor::new(a).ok_or_else(singular)?;
         Ok(Self { scale, factor })
     }
 
@@ -71,70 +72,43 @@ impl Posterior {
             let data = normal.gradient[unknowns.columns[i]] / s2;
             -self.scale[i] * (data + unknowns.precision[i] * unknowns.deviation[i])
         });
-        let mut step = b.clone();
-        self.factor.solve_mut(&mut step);
+        let step = self.factor.solve_vector(&b);
         let decrement = step.dot(&b);
         (step.component_mul(&self.scale), decrement)
     }
 
-    /// `L⁻¹` of the scaled matrix, lower triangular.
-    fn inverse_root(&self) -> DMatrix<f64> {
-        let l = self.factor.l_dirty();
-        let m = l.nrows();
-        let l = l.as_slice();
-        let mut inverse = DMatrix::zeros(m, m);
-        for (c, column) in inverse.as_mut_slice().chunks_exact_mut(m.max(1)).enumerate() {
-            column[c] = 1.0;
-            for k in c..m {
-                let (above, below) = column.split_at_mut(k + 1);
-                let of = &l[k * m + k..(k + 1) * m];
-                let value = above[k] / of[0];
-                above[k] = value;
-                for (x, y) in below.iter_mut().zip(&of[1..]) {
-                    *x -= value * y;
-                }
-            }
-        }
-        inverse
-    }
-
     /// How many parameters the data determine: `m − Σ prior precision x posterior variance`.
-    pub(crate) fn effective(&self, unknowns: &Unknowns) -> f64 {
-        let root = self.inverse_root();
-        let mut held = 0.0;
-        for (c, column) in root.column_iter().enumerate() {
-            held += column.norm_squared() * self.scale[c].powi(2) * unknowns.precision[c];
-        }
+    pub(crate) fn effective(unknowns: &Unknowns, covariance: &DMatrix<f64>) -> f64 {
+        let held: f64 = unknowns
+            .precision
+            .iter()
+            .enumerate()
+            .map(|(c, p)| p * covariance[(c, c)])
+            .sum();
         (unknowns.len() as f64 - held).max(0.0)
     }
 
     /// Covariance of the unknowns, SI units.
     pub(crate) fn covariance(&self) -> DMatrix<f64> {
-        let root = self.inverse_root();
-        let transposed = root.transpose();
-        let mut covariance = &transposed * &root;
-        for c in 0..covariance.ncols() {
-            for r in 0..covariance.nrows() {
+        let m = self.scale.len();
+        let root = self.factor.half(&DMatrix::identity(m, m));
+        let mut covariance = transposed_product(&root, &root);
+        for c in 0..m {
+            for r in 0..m {
                 covariance[(r, c)] *= self.scale[r] * self.scale[c];
             }
         }
         covariance
     }
 
-    /// Log evidence of the linearised model up to a constant of data and noise:
-    /// `½ (bᵀA⁻¹b − xᵀΛx + ln|Λ| − ln|A|)`.
-    pub(crate) fn log_evidence(&self, normal: &Normal, unknowns: &Unknowns, s2: f64) -> f64 {
-        let (_, decrement) = self.step(normal, unknowns, s2);
-        let mut sum = decrement - self.log_determinant();
-        for (precision, x) in unknowns.precision.iter().zip(&unknowns.deviation) {
-            sum += precision.ln() - precision * x * x;
-        }
-        0.5 * sum
+    /// Log evidence (Laplace) at the unknowns, given the log likelihood of the data there, up to a constant.
+    pub(crate) fn log_evidence_at(&self, unknowns: &Unknowns, data: f64) -> f64 {
+        let prior = unknowns.precision.iter().zip(&unknowns.deviation);
+        data + prior.map(|(p, x)| 0.5 * p.ln() - 0.5 * p * x * x).sum::<f64>() - 0.5 * self.log_determinant()
     }
 
     /// `ln |A|`.
-    pub(crate) fn log_determinant(&self) -> f64 {
-        let l = self.factor.l_dirty();
-        (0..l.nrows()).map(|i| 2.0 * (l[(i, i)] / self.scale[i]).ln()).sum()
+    fn log_determinant(&self) -> f64 {
+        self.factor.log_determinant() - 2.0 * self.scale.iter().map(|s| s.ln()).sum::<f64>()
     }
 }

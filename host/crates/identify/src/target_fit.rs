@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::map::Fit;
+use super::hierarchy::Fit;
 use super::seen::RowPart;
 
 /// One target's place, noise and residual.
@@ -48,7 +48,7 @@ pub(super) fn target_fits(fit: &Fit) -> (Vec<TargetFit>, Option<OrientationFit>)
             sums[slot].1 += block.residual.norm_squared();
         }
     }
-    let noise = |part| fit.whitening.own(part).sqrt() * fit.scale * 1e3;
+    let noise = |part| fit.whitening.own(part).sqrt() * 1e3;
     let rms = |(rows, sum): (usize, f64)| (sum / rows.max(1) as f64).sqrt() * 1e3;
     let targets = (0..layout.targets).map(|number| TargetFit {
         number: number + 1,

@@ -3,7 +3,7 @@
 //! A dozen contacts do not calibrate an arm, but they tell the size of its error. The sphere's position as the robot
 //! sees it scatters from pose to pose. The same model, priors and noise as in [`identify`](crate::identify()) turn that
 //! scatter into the mean error of the TCP over the workspace: each draw from the posterior is an arm that agrees with the
-//! contacts, and its distance from the given forward kinematics is one possible error ([`crate::diagnosis`]).
+//! contacts, and its distance from the given forward kinematics is one possible error ([`Statement`]).
 //!
 //! What the errors of an arm are like before the contacts are seen decides how far the scatter at a dozen poses says
 //! something about the rest of the workspace. So several expectations are compared by their evidence
@@ -13,8 +13,8 @@ use serde::Serialize;
 use spherecal_model::chain::Chain;
 use spherecal_model::{Experiment, Observation, Set, Target};
 
-use crate::diagnosis::{Course, diagnose, workspace};
-use crate::verdict::ExpectedError;
+use crate::statement::{ExpectedError, Statement, measured_rows};
+use crate::workspace::workspace;
 use crate::{IdentifyError, Options, Override, identify, priors};
 
 /// Fewest contacts: fewer leave too little beside the six unknowns of the plate.
@@ -122,19 +122,19 @@ pub fn check(experiment: &Experiment, options: &Options) -> Result<Checked, Iden
     }
     let chain = Chain::unchecked(&experiment.robot, &experiment.tool);
     let workspace = workspace(&experiment.robot, &experiment.tool);
-    let course = Course::in_order(experiment);
     let mut found: Vec<Found> = Vec::new();
     let mut failed = IdentifyError::NoVariety;
     for expectation in Expectation::ALL {
         let options = expectation.options(options);
         let own = identify(experiment, &options).and_then(|fit| {
-            let diagnosis = diagnose(experiment, &options, &course, &workspace)?;
+            let rows = measured_rows(experiment, &fit);
+            let statement = Statement::new(&fit, &rows, &[], Some(&workspace)).ok_or(IdentifyError::NoVariety)?;
             let fitted = Chain::unchecked(&experiment.robot, &fit.tool);
             Ok(Found {
                 expectation,
                 log_evidence: fit.log_evidence,
-                given: diagnosis.expected_error_of(|q| chain.pose(q).position),
-                fitted: diagnosis.expected_error_of(|q| fitted.pose(q).position),
+                given: statement.expected_error_of(|q| chain.pose(q).position),
+                fitted: statement.expected_error_of(|q| fitted.pose(q).position),
             })
         });
         match own {

@@ -15,8 +15,8 @@ use serde::Serialize;
 
 use super::Evaluation;
 use crate::course::Course;
-use crate::diagnosis::ErrorBudget;
 use crate::recordings::Recordings;
+use crate::statement::ErrorBudget;
 use spherecal_model::Target;
 
 /// Robust weight below which a row is an outlier and says nothing of its coupling.
@@ -25,11 +25,10 @@ const OUTLIER: f64 = 0.25;
 const FEWEST: usize = 3;
 
 impl Evaluation {
-    /// The expected error of the full model by source; none where it could not be told. It is
-    /// computed here, which takes part of a second.
+    /// The expected error of the full model over the work region by source; `None` where it is unknown.
     pub fn error_budget(&self) -> Option<ErrorBudget> {
-        let diagnosis = self.diagnosis.as_ref()?;
-        diagnosis.budget_of(|q| self.calibration.tcp_m(q, None))
+        let statement = self.statement.as_ref()?;
+        Some(statement.budget_of(|q| self.calibration.tcp_m(q, None)))
     }
 }
 

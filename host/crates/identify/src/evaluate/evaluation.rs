@@ -1,20 +1,16 @@
 //! What an evaluation gives.
 
 use nalgebra::Vector3;
-use spherecal_model::chain::Chain;
 
 use super::align::NominalFrames;
-use super::error::EvaluateError;
-use super::mapped::MapReport;
 use super::reference::InstrumentView;
-use super::seats::OwnSeat;
-use crate::diagnosis::Diagnosis;
+use crate::causes::Causes;
 use crate::errors::Errors;
 use crate::judge::{HeldOut, Judged};
 use crate::recordings::Recordings;
 use crate::validate::ValidationTable;
 use crate::verdict::Verdict;
-use crate::{Calibration, ExpectedError, GeometryOnly, Options};
+use crate::{Calibration, GeometryOnly, Options, Statement};
 
 /// A calibration with everything that is known about it.
 #[derive(Clone, Debug)]
@@ -29,8 +25,6 @@ pub struct Evaluation {
     pub repeated: Vec<(usize, usize)>,
     /// Frames and tool with the nominal geometry.
     pub nominal: NominalFrames,
-    /// Rows that have a seat of their own in the fit.
-    pub seats: Vec<OwnSeat>,
     /// The tool (m, last frame of the table) as it was given, where the data said
     /// another and it was taken from them.
     pub given_tcp_m: Option<Vector3<f64>>,
@@ -48,10 +42,12 @@ pub struct Evaluation {
     /// Predicted standard deviation of the TCP (root of the summed variances)
     /// over the judging rows: mean and largest, in mm.
     pub predicted_mm: (f64, f64),
-    /// What maps of the residuals gain, and the one that is kept; none where none was asked for.
-    pub residual_map: Option<MapReport>,
-    /// What the residuals tell; none where it could not be computed.
-    pub diagnosis: Option<Diagnosis>,
+    /// What the residuals name; it is a part of the result.
+    pub causes: Causes,
+    /// What the result is worth over each region; `None` for estimators without a posterior.
+    pub statement: Option<Statement>,
+    /// The geometry that files hold: the best over the work region.
+    pub geometry: GeometryOnly,
     /// Whether the result may be used, and why.
     pub verdict: Verdict,
     /// What the user should know.
@@ -60,29 +56,6 @@ pub struct Evaluation {
 }
 
 impl Evaluation {
-    /// The best geometry alone, as a URDF can hold it, and its expected error over the workspace
-    /// where the data tell it.
-    ///
-    /// # Errors
-    /// The geometry does not converge.
-    pub fn geometry_alone(&self) -> Result<(GeometryOnly, Option<ExpectedError>), EvaluateError> {
-        let alone = self.calibration.geometry_only()?;
-        let chain = Chain::unchecked(&alone.robot, &alone.tool);
-        let over = |d: &Diagnosis| d.expected_error_of(|q| chain.pose(q).position);
-        let expected = self.diagnosis.as_ref().map(over).or(alone.expected_error_mm);
-        Ok((alone, expected))
-    }
-
-    /// TCP in F0, in m, at encoder angles `q` (rad) and, where they were used, measured torques (N m): by the
-    /// calibration, and by the map of its residuals where one is kept.
-    pub fn tcp_with_map_m(&self, q: &[f64], tau: Option<&[f64]>) -> Vector3<f64> {
-        let map = self.residual_map.as_ref().and_then(|report| report.map.as_ref());
-        match map {
-            Some(map) => map.corrected_m(&self.calibration, q, tau),
-            None => self.calibration.tcp_m(q, tau),
-        }
-    }
-
     /// Errors of all models on the independent instrument's points.
     pub fn table(&self) -> Option<&ValidationTable> {
         self.reference.as_ref().and_then(|r| r.table.as_ref())

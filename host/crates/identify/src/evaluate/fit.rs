@@ -4,10 +4,10 @@ use std::borrow::Cow;
 use std::collections::HashSet;
 
 use super::align::{NominalFrames, align};
-use super::thin::{only, thinned};
-use super::{EvaluateError, EvaluateOptions, tune};
-use crate::residual_map::ResidualMap;
-use crate::{Calibration, Experiment, Options, Override, choose_model, identify};
+use super::thin::only;
+use super::{EvaluateError, EvaluateOptions};
+use crate::causes::{self, Causes, Course};
+use crate::{Calibration, Experiment, Method, Model, Options, Override, calibration, hierarchy, identify};
 
 /// A tool further than this (m) from what was said is taken from the data.
 const TOOL_FAR_M: f64 = 0.005;
@@ -17,16 +17,10 @@ const FOUND_TOOL_SIGMA_M: f64 = 0.005;
 /// find, finite for what the data leave open (two spheres leave the turn about
 /// their line).
 const BASE_SIGMA: f64 = 0.05;
-/// Rows that the choice of priors and of the model looks at, spread evenly over
-/// all; where there are more, the rest does not change the choice.
-const CHOOSING: usize = 20_000;
-
 /// A fit of some of the rows.
 pub(super) struct ChosenFit {
     /// Options with all that was chosen from the data.
     pub(super) options: Options,
-    /// What was chosen from the data, in words.
-    pub(super) chosen: Vec<String>,
     /// Rows that the fit used.
     pub(super) used: Vec<usize>,
     /// Rows left out as gross errors, with their distance in mm.
@@ -37,8 +31,8 @@ pub(super) struct ChosenFit {
     pub(super) found_tool: bool,
     /// The result.
     pub(super) calibration: Calibration,
-    /// The map of its residuals, where one is kept.
-    pub(super) map: Option<ResidualMap>,
+    /// What its residuals name.
+    pub(super) causes: Causes,
 }
 
 impl ChosenFit {
@@ -52,15 +46,14 @@ impl ChosenFit {
     }
 }
 
-/// Aligns, leaves gross errors out, chooses priors and model, and identifies, as
-/// far as the options ask for it. `choose` is off in the folds of a
-/// cross-validation, which take over the choices of the fit of all rows.
+/// Aligns and identifies, as far as the options ask for it. With the `course` of all rows, what the residuals name is
+/// taken into the fit.
 pub(super) fn fit(
     experiment: &Experiment,
     asked: &EvaluateOptions,
     options: &Options,
     train: &[usize],
-    choose: bool,
+    course: Option<&Course>,
 ) -> Result<ChosenFit, EvaluateError> {
     let mut used = train.to_vec();
     let mut own = only(experiment, &used);
@@ -68,7 +61,6 @@ pub(super) fn fit(
     let nominal = align(&own, &own.robot, true);
     let mut options = options.clone();
     let mut rejected = Vec::new();
-    let mut chosen = Vec::new();
     let mut found_tool = false;
     if asked.align {
         let gross = nominal.gross();
@@ -93,29 +85,26 @@ pub(super) fn fit(
             ..Override::default()
         });
     }
-    if choose && (asked.choose_priors || asked.choose_model) {
-        let all: Vec<usize> = (0..own.observations.len()).collect();
-        let some = only(&own, &thinned(&own, &all, CHOOSING)).into_owned();
-        if asked.choose_priors {
-            let wider;
-            (options, wider) = tune::choose(&some, &options);
-            chosen.extend(wider);
+    let (calibration, causes) = match (options.method, course) {
+        (Method::Full | Method::Geometry, Some(course)) => {
+            let model = match options.method {
+                Method::Geometry => Model::Geometry,
+                _ => options.model,
+            };
+            let mut fit = hierarchy::fit(&own, &options, model, |_| true)?;
+            let course = course.of_rows(&used);
+            let causes = causes::explain(&mut fit, &own, &options, &course)?;
+            (calibration::finish(&own, &options, model, fit), causes)
         }
-        if asked.choose_model {
-            let refusal;
-            (options.model, refusal) = choose_model(&some, &options)?;
-            chosen.extend(refusal.map(|r| r.to_string()));
-        }
-    }
-    let calibration = identify(&own, &options)?;
+        _ => (identify(&own, &options)?, Causes::default()),
+    };
     Ok(ChosenFit {
         options,
-        chosen,
         used,
         rejected,
         nominal,
         found_tool,
         calibration,
-        map: None,
+        causes,
     })
 }

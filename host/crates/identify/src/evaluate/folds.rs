@@ -8,14 +8,12 @@ use rayon::prelude::*;
 
 use super::fit::{ChosenFit, fit};
 use super::groups::{Derived, groups, without_only_contacts};
-use super::mapped::of_fit;
 use super::thin::thinned;
 use super::{EvaluateError, EvaluateOptions};
 use crate::flange::Flange;
 use crate::judge::{Fold, HeldOut, Judged, Predictor, judge};
 use crate::judge_targets::{BodyOrientation, ToolPredictor};
 use crate::recordings::Judge;
-use crate::residual_map::{MapInput, ResidualMap};
 use crate::{Options, Pose, Recordings, Reference, Target};
 
 /// Folds of the cross-validation that stands in where no validation was given.
@@ -26,16 +24,15 @@ pub(super) const FOLD_ROWS: usize = 20_000;
 /// Most values of a hold-out column: each takes a fit.
 const MOST_HELD_OUT: usize = 200;
 
-/// The models that are judged: nominal geometry, calibrated, the calibrated
-/// table alone, as a URDF holds it, and the calibrated model with the map of its residuals.
+/// The models that are judged: nominal geometry, calibrated, and the calibrated
+/// table alone.
 fn predictors<'a>(flanges: (&'a Flange, &'a Flange), fit: &'a ChosenFit) -> Vec<Predictor<'a>> {
     let frames: Vec<(Reference, Pose)> = fit.calibration.frames.iter().map(|f| (f.reference, f.base)).collect();
     let calibration = &fit.calibration;
-    let mapped = fit.map.as_ref().map(|map| predictor_with(fit, Some(map)));
     let (given, tcp) = (fit.nominal.tcp_m, calibration.tool.tcp());
     let (before, after) = (flanges.0, flanges.1);
     let targets = calibration.targets.len().saturating_sub(1);
-    let mut all = vec![
+    vec![
         Predictor {
             name: "nominal",
             tcp_m: Box::new(move |q, _| before.at(q).point(&given)),
@@ -79,23 +76,7 @@ fn predictors<'a>(flanges: (&'a Flange, &'a Flange), fit: &'a ChosenFit) -> Vec<
                 }),
             },
         },
-    ];
-    all.extend(mapped);
-    all
-}
-
-/// A fit's calibration with a map of its residuals, or without.
-pub(super) fn predictor_with<'a>(fit: &'a ChosenFit, map: Option<&'a ResidualMap>) -> Predictor<'a> {
-    let calibration = &fit.calibration;
-    let flange = Flange::new(&calibration.robot);
-    let shift = move |q: &[f64]| map.map_or_else(Vector3::zeros, |map| map.shift(&flange.at(q).rotation, q));
-    Predictor {
-        name: "calibrated_with_map",
-        tcp_m: Box::new(move |q, tau| calibration.tcp_m(q, tau) + shift(q)),
-        frames: calibration.frames.iter().map(|f| (f.reference, f.base)).collect(),
-        // The map is of the TCP alone.
-        tool: ToolPredictor::default(),
-    }
+    ]
 }
 
 /// Judges rows by a fit.
@@ -113,12 +94,11 @@ pub(super) fn judged(recordings: &Recordings, fit: &ChosenFit, judges: &[Judge<'
     )
 }
 
-/// Fits without some rows and judges those, fold by fold; where a map is kept, each fold learns its own.
+/// Fits without some rows and judges those, fold by fold.
 fn folds(
     recordings: &Recordings,
     asked: &EvaluateOptions,
     options: &Options,
-    map: Option<MapInput>,
     train: &[usize],
     folds: &[(String, Vec<usize>)],
 ) -> Result<Vec<Fold>, EvaluateError> {
@@ -128,8 +108,7 @@ fn folds(
             let held: HashSet<usize> = out.iter().copied().collect();
             let rest: Vec<usize> = train.iter().copied().filter(|i| !held.contains(i)).collect();
             let rest = thinned(&recordings.experiment, &rest, FOLD_ROWS);
-            let mut fit = fit(&recordings.experiment, asked, options, &rest, false)?;
-            fit.map = map.and_then(|input| of_fit(recordings, &fit, input));
+            let fit = fit(&recordings.experiment, asked, options, &rest, None)?;
             let judges: Vec<Judge<'_>> = out.iter().map(|&i| recordings.judge(i, i)).collect();
             Ok(Fold {
                 value: value.clone(),
@@ -162,7 +141,6 @@ pub(super) fn cross_validate(
     recordings: &Recordings,
     asked: &EvaluateOptions,
     options: &Options,
-    map: Option<MapInput>,
     used: &[usize],
 ) -> Result<Judged, EvaluateError> {
     let by_place = recordings.closed_loop() && recordings.places.len() >= 3;
@@ -188,7 +166,7 @@ pub(super) fn cross_validate(
     if used.len() > FOLD_ROWS {
         words += &format!(", of which it used {FOLD_ROWS} at most");
     }
-    let folds = folds(recordings, asked, options, map, used, &groups)?;
+    let folds = folds(recordings, asked, options, used, &groups)?;
     Ok(pool(folds.into_iter().map(|f| f.judged), &words))
 }
 
@@ -197,7 +175,6 @@ pub(super) fn hold_out(
     recordings: &Recordings,
     asked: &EvaluateOptions,
     options: &Options,
-    map: Option<MapInput>,
     used: &[usize],
     column: &str,
 ) -> Result<HeldOut, EvaluateError> {
@@ -254,7 +231,7 @@ pub(super) fn hold_out(
                 .to_owned(),
         ));
     }
-    let folds = folds(recordings, asked, options, map, used, &groups)?;
+    let folds = folds(recordings, asked, options, used, &groups)?;
     let pooled = pool(folds.iter().map(|f| f.judged.clone()), &words);
     Ok(HeldOut {
         column: column.to_owned(),

@@ -2,7 +2,6 @@
 //!
 //! ```text
 //! Recordings ─ fit (align · gross errors · priors · model · identify) ─▶ Calibration
-//!            ├ mapped (a map of the residuals, where it is asked for)
 //!            ├ reference (other estimators, an instrument's table)
 //!            ├ folds (rows that the fit has not seen, cross-validation, hold-out)
 //!            └ verdict ─▶ Evaluation
@@ -25,14 +24,11 @@ mod evaluation;
 mod fit;
 mod folds;
 mod groups;
-mod mapped;
 mod options;
 mod plate;
 mod reference;
 mod repeats;
-mod seats;
 mod thin;
-mod tune;
 
 pub use crate::errors::{Errors, SampleError};
 pub use crate::judge::{Fold, HeldOut, Judged, JudgedModel, Predictor, TcpFunction, judge};
@@ -42,17 +38,16 @@ pub use align::{NominalFrames, align};
 pub use certified::{Repeatability, repeatability};
 pub use error::EvaluateError;
 pub use evaluation::Evaluation;
-pub use mapped::{MapReport, TriedMap};
 pub use options::{EvaluateOptions, EvaluationStep};
 pub use reference::{Estimator, InstrumentView, ReferenceModel, model_title};
-pub use seats::OwnSeat;
 
-use crate::geometry_fit::by_full_model;
 use crate::recordings::Recordings;
-use crate::residual_map::MapInput;
 use crate::verdict::{Evidence, verdict};
 
-use crate::{IdentifyError, Method};
+use crate::causes::Course;
+use crate::hierarchy::constants::POSTURES;
+use crate::statement::{Statement, judging_rows, measured_rows};
+use crate::{GeometryOnly, IdentifyError, Method};
 use evaluation::predicted;
 use fit::{ChosenFit, fit};
 
@@ -65,11 +60,6 @@ const HOPELESS_RAD: f64 = 0.2;
 /// Distances of the plate that differ by more than this (m) from the data's explain such data.
 const WRONG_PLATE_M: f64 = 0.010;
 
-/// What a geometry alone is.
-const PROJECTION: &str = "geometry alone: the full model says which rows are outliers, so the result is close to the \
-                          projection of the full model on geometry; what it leaves is the error of the model, not \
-                          noise";
-
 /// Evaluates the recordings of one robot; `progress` is called before each step.
 ///
 /// # Errors
@@ -81,18 +71,19 @@ pub fn evaluate(
 ) -> Result<Evaluation, EvaluateError> {
     let (train, repeated) = training_rows(recordings)?;
     progress(EvaluationStep::Fitting { rows: train.len() });
-    let fit = fit(&recordings.experiment, options, &options.identify, &train, true)?;
+    let course = options.diagnose.then(|| course_of(recordings, &train));
+    let fit = fit(
+        &recordings.experiment,
+        options,
+        &options.identify,
+        &train,
+        course.as_ref(),
+    )?;
     if options.align {
         plausible(recordings, &fit)?;
     }
-    let found = seats::find(recordings, options, &train, fit);
-    let (recordings, mut fit) = (found.recordings.as_ref(), found.fit);
-    let mut notes = fit.chosen.clone();
+    let mut notes = Vec::new();
     note_rejected(recordings, &fit, &mut notes);
-    let has_priors = matches!(fit.options.method, Method::Full | Method::Geometry);
-    if has_priors && by_full_model(&fit.options, fit.calibration.model) {
-        notes.push(PROJECTION.to_owned());
-    }
     if let Some((copy, first)) = repeated.first() {
         notes.push(format!(
             "{} rows are copies of others and count once; the first: {} repeats {}",
@@ -101,14 +92,6 @@ pub fn evaluate(
             recordings.describe(*first)
         ));
     }
-    let residual_map = if options.residual_map {
-        progress(EvaluationStep::Mapping { rows: fit.used.len() });
-        Some(mapped::choose(recordings, options, &fit)?)
-    } else {
-        None
-    };
-    let map_input = residual_map.as_ref().and_then(MapReport::input);
-    fit.map = residual_map.as_ref().and_then(|report| report.map.clone());
     let reference = match &recordings.tracker {
         Some(tracker) => Some(reference::reference(
             recordings,
@@ -130,7 +113,7 @@ pub fn evaluate(
             fits: folds::FOLDS,
             rows: fit.used.len(),
         });
-        cross_validation(recordings, options, &fit, map_input, &mut notes)?
+        cross_validation(recordings, options, &fit, &mut notes)?
     } else if judges.is_empty() {
         None
     } else {
@@ -144,14 +127,15 @@ pub fn evaluate(
     };
     let holdout = match &recordings.holdout {
         Some(column) => {
-            let held = folds::hold_out(recordings, options, &fit.options, map_input, &fit.used, column)?;
+            let held = folds::hold_out(recordings, options, &fit.options, &fit.used, column)?;
             Some(held)
         }
         None => None,
     };
     let closed_loop = recordings.closed_loop();
     let predicted_mm = predicted(recordings, &fit.calibration, cross_validated, closed_loop);
-    notes.extend(found.notes);
+    let statement = statement_of(recordings, options, &fit);
+    let geometry = geometry_of(recordings, &fit, statement.as_ref())?;
     let verdict = verdict(&Evidence {
         recordings,
         options: &fit.options,
@@ -163,8 +147,9 @@ pub fn evaluate(
         cross_validated,
         holdout: holdout.as_ref(),
         table,
-        diagnosis: found.diagnosis.as_ref(),
-        seats: &found.seats,
+        causes: &fit.causes,
+        statement: statement.as_ref(),
+        geometry: &geometry,
         nominal_tcp_m: if fit.found_tool {
             fit.nominal.tcp_m
         } else {
@@ -174,8 +159,9 @@ pub fn evaluate(
         realigned_mm,
     });
     Ok(Evaluation {
-        diagnosis: found.diagnosis,
-        seats: found.seats,
+        causes: fit.causes,
+        statement,
+        geometry,
         given_tcp_m: fit.found_tool.then(|| recordings.experiment.tool.tcp()),
         options: fit.options,
         used: fit.used,
@@ -188,11 +174,58 @@ pub fn evaluate(
         cross_validated,
         holdout,
         predicted_mm,
-        residual_map,
         verdict,
         notes,
         closed_loop,
     })
+}
+
+/// The course of the rows; the last moves are those between the rows of the calibration set.
+fn course_of(recordings: &Recordings, train: &[usize]) -> Course {
+    let course = match &recordings.course {
+        Some(course) => course.clone(),
+        None => Course::without_moves(&recordings.experiment),
+    };
+    course
+        .with_moves_of(&recordings.experiment.observations, train)
+        .with_places(
+            recordings.samples.iter().map(|sample| sample.place).collect(),
+            recordings.places.names().map(str::to_owned).collect(),
+        )
+}
+
+/// What the result is worth; `None` for estimators without a posterior.
+fn statement_of(recordings: &Recordings, options: &EvaluateOptions, fit: &ChosenFit) -> Option<Statement> {
+    let calibration = &fit.calibration;
+    if !options.diagnose || !matches!(calibration.method, Method::Full | Method::Geometry) {
+        return None;
+    }
+    let own = fit.experiment(&recordings.experiment, &fit.used);
+    let rows = measured_rows(&own, calibration);
+    let judges = judging_rows(recordings, recordings.closed_loop());
+    Statement::new(calibration, &rows, &judges, options.work.as_deref())
+}
+
+/// The geometry that the files hold: the best over the work region.
+fn geometry_of(
+    recordings: &Recordings,
+    fit: &ChosenFit,
+    statement: Option<&Statement>,
+) -> Result<GeometryOnly, EvaluateError> {
+    let mut nominal = recordings.experiment.clone();
+    nominal.observations.clear();
+    if fit.found_tool {
+        nominal.tool.tcp_m = fit.nominal.tcp_m.into();
+    }
+    let whole;
+    let postures = match statement {
+        Some(statement) => statement.work_postures(),
+        None => {
+            whole = crate::halton_configurations(&nominal.robot, POSTURES);
+            &whole
+        }
+    };
+    Ok(GeometryOnly::of(&fit.calibration, &nominal, postures, statement)?)
 }
 
 /// The rows of the calibration set, each once, and the copies among them with the
@@ -240,10 +273,9 @@ fn cross_validation(
     recordings: &Recordings,
     options: &EvaluateOptions,
     fit: &ChosenFit,
-    map: Option<MapInput>,
     notes: &mut Vec<String>,
 ) -> Result<Option<Judged>, EvaluateError> {
-    match folds::cross_validate(recordings, options, &fit.options, map, &fit.used) {
+    match folds::cross_validate(recordings, options, &fit.options, &fit.used) {
         Ok(judged) => Ok(Some(judged)),
         Err(EvaluateError::Identify(
             error @ (IdentifyError::TooFewObservations { .. }

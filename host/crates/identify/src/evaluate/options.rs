@@ -11,18 +11,12 @@ pub struct EvaluateOptions {
     /// Align frames and tool first: leaves gross errors out, and takes a tool that is far
     /// from what was said from the data.
     pub align: bool,
-    /// Choose the widths of the geometric priors by the evidence.
-    pub choose_priors: bool,
-    /// Choose the richest model that does not overfit.
-    pub choose_model: bool,
     /// Cross-validate where nothing else judges the result.
     pub cross_validate: bool,
-    /// Search the residuals for causes, and state the expected error with what the model
-    /// leaves out.
+    /// Test the residuals for causes, take those that are found into the fit, and state the expected error.
     pub diagnose: bool,
-    /// Try a map of the residuals, and keep it where it predicts blocks of rows better that
-    /// neither it nor the fit has seen.
-    pub residual_map: bool,
+    /// Postures of the work region (rad); those of the rows without it.
+    pub work: Option<Vec<Vec<f64>>>,
     /// Other estimators to compare with, where an independent instrument measured.
     pub models: Vec<Estimator>,
     /// Mean error of the TCP (mm) that was asked for: a worse result is refused.
@@ -36,11 +30,9 @@ impl Default for EvaluateOptions {
         Self {
             identify: Options::default(),
             align: true,
-            choose_priors: true,
-            choose_model: true,
             cross_validate: true,
             diagnose: true,
-            residual_map: false,
+            work: None,
             models: Vec::new(),
             accuracy_mm: None,
             known_laws: None,
@@ -54,11 +46,6 @@ pub enum EvaluationStep {
     /// The frames are aligned, priors and model chosen and the model fitted.
     Fitting {
         /// Rows of the calibration set.
-        rows: usize,
-    },
-    /// Maps of the residuals are tried on blocks of rows.
-    Mapping {
-        /// Rows in the blocks.
         rows: usize,
     },
     /// Another estimator is fitted.

@@ -90,7 +90,6 @@ pub fn model_title(name: &str) -> &str {
         "paper_nelder_mead" => "spheres, the paper's simplex",
         "known_laws" => "spheres, errors' laws known",
         "calibrated_table_only" => "calibrated, URDF only",
-        "calibrated_with_map" => "calibrated, residual map",
         other => other,
     }
 }

@@ -7,7 +7,7 @@ use super::groups::{BLOCK, Group, places};
 use super::pose_columns::PoseColumns;
 use super::whitening::{Conditional, Root, Whitening};
 use crate::chain::{N, Prepared, State};
-use crate::noise_scale::{Squared, numbers, scale};
+use crate::noise_scale::Squared;
 use crate::parameters::Layout;
 use crate::seen::RowPart;
 
@@ -72,6 +72,39 @@ pub(crate) fn whitened_rows(
     });
 }
 
+/// The columns of each part of an observation over the whole layout, in F0 and not whitened, for `put`.
+pub(crate) fn plain_columns(
+    state: &State,
+    layout: &Layout,
+    observation: &Prepared,
+    mut put: impl FnMut(usize, &[Vector3<f64>]),
+) {
+    let group = Group {
+        reference: observation.reference,
+        sphere: observation.sphere,
+        seat: observation.seat,
+        members: Vec::new(),
+    };
+    let places = places(layout, &group);
+    let mut all = vec![Vector3::zeros(); layout.len()];
+    let mut phi = vec![0.0; layout.n * layout.basis()];
+    let mut part = 0;
+    PoseColumns::each(state, layout, observation, &Whitening::NONE, 1.0, |pose| {
+        all.fill(Vector3::zeros());
+        for &(c, column, sign) in &places {
+            all[column] = pose.own[c] * sign;
+        }
+        pose.bases(layout, observation, phi.chunks_exact_mut(layout.basis()));
+        for (j, phi) in phi.chunks_exact(layout.basis()).enumerate() {
+            for (k, value) in phi.iter().enumerate() {
+                all[layout.joint(j) + k] = pose.joints[j] * *value;
+            }
+        }
+        put(part, &all);
+        part += 1;
+    });
+}
+
 /// Squared whitened residual of every prepared observation, all parts of the row together.
 pub(crate) fn distances(state: &State, layout: &Layout, prepared: &[Prepared], whitening: &Whitening) -> Vec<Squared> {
     let [found] = whitened(state, layout, prepared, &[*whitening]).map(|found| found.0);
@@ -133,34 +166,4 @@ fn whitened<const K: usize>(
 pub(crate) fn log_determinant(state: &State, layout: &Layout, prepared: &[Prepared], whitening: &Whitening) -> f64 {
     let [(_, log)] = whitened(state, layout, prepared, &[*whitening]);
     log
-}
-
-/// Log likelihood of the residuals under each candidate whitening, its scale at
-/// its own best; `nu` as in the estimator.
-pub(crate) fn likelihoods<const K: usize>(
-    state: &State,
-    layout: &Layout,
-    prepared: &[Prepared],
-    candidates: &[Whitening; K],
-    nu: f64,
-) -> [f64; K] {
-    whitened(state, layout, prepared, candidates).map(|(rows, log)| likelihood(&rows, log, nu))
-}
-
-/// The same under one whitening for each of several `nus`.
-pub(crate) fn likelihoods_of_tails<const K: usize>(
-    state: &State,
-    layout: &Layout,
-    prepared: &[Prepared],
-    whitening: &Whitening,
-    nus: [f64; K],
-) -> [f64; K] {
-    let [(rows, log)] = whitened(state, layout, prepared, &[*whitening]);
-    nus.map(|nu| likelihood(&rows, log, nu))
-}
-
-/// Log likelihood of squared whitened residuals, the scale at its best.
-fn likelihood(rows: &[Squared], log: f64, nu: f64) -> f64 {
-    let s2 = scale(rows, 0.0, nu, 1.0);
-    log + rows.iter().map(|row| row.shape(s2, nu)).sum::<f64>() - 0.5 * numbers(rows) * s2.ln()
 }

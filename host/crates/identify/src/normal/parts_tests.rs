@@ -11,8 +11,8 @@ use super::pose_columns::PoseColumns;
 use super::whitening::{Conditional, Root, Whitening};
 use super::{accumulate, gradient};
 use crate::chain::{N, Prepared, State};
+use crate::hierarchy::prepare;
 use crate::load::Nominal;
-use crate::map::prepare;
 use crate::options::{Noise, Torque};
 use crate::parameters::{Kind, Layout};
 

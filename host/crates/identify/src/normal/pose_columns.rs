@@ -107,6 +107,7 @@ impl PoseColumns {
         let kinematics = state.at(observation);
         state.columns(layout, &kinematics, &observation.load, &mut own, &mut joints);
         layout.lead(observation.lead, &mut own);
+        own[layout.scale()] = state.scale_column(observation.reference, &observation.target);
         let rotation = state
             .bases
             .get(observation.reference)

@@ -30,6 +30,15 @@ pub(crate) struct Whitening {
 }
 
 impl Whitening {
+    /// Leaves every vector as it is.
+    pub(crate) const NONE: Self = Self {
+        joint: 0.0,
+        seating: 1.0,
+        point: 1.0,
+        further: [1.0; FURTHER],
+        body: 1.0,
+    };
+
     /// As the options say, all targets alike.
     pub(crate) fn new(noise: &Noise) -> Self {
         let point = noise.point_m.powi(2);
@@ -40,13 +49,6 @@ impl Whitening {
             further: [point; FURTHER],
             body: BODY_SIGMA_RAD.powi(2),
         }
-    }
-
-    /// With another noise of seating and points: a factor on the standard deviation.
-    pub(crate) fn with_floor(mut self, factor: f64) -> Self {
-        self.seating = self.seating * factor * factor;
-        self.point = self.point * factor * factor;
-        self
     }
 
     /// Variance of a part's own noise, in m² or rad².

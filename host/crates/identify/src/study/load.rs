@@ -39,8 +39,6 @@ pub struct StudyRequest {
     pub ignore_columns: Vec<String>,
     /// Mean error of the TCP that is asked for, in mm: a worse result is refused.
     pub accuracy_mm: Option<f64>,
-    /// Try a map of the residuals, and keep it where it predicts rows better that it has not seen.
-    pub residual_map: bool,
     /// How to identify.
     pub options: Options,
 }

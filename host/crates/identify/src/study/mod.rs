@@ -151,7 +151,6 @@ fn evaluate_loaded(
     let options = EvaluateOptions {
         identify,
         accuracy_mm: request.accuracy_mm,
-        residual_map: request.residual_map,
         ..EvaluateOptions::default()
     };
     let evaluation = evaluate(&recordings, &options, &mut |step| progress(StudyStep::Evaluating(step)))

@@ -1,10 +1,11 @@
 //! Checks of the stated error: by the accuracy that was asked for, and by rows that were
 //! measured apart.
 
-use super::{Check, Evidence, expected_error};
+use super::{Check, Evidence};
+use crate::hierarchy::constants::SURE;
 
 /// A validation whose median error is beyond this many times the error that 95 % of the
-/// workspace should stay under contradicts the statement: another frame, tool or arm.
+/// rows should stay under contradicts the statement: another frame, tool or arm.
 const CONTRADICTS: f64 = 3.0;
 /// Least median error (mm) that contradicts: below it the instrument itself may be meant.
 const LEAST_CONTRADICTION_MM: f64 = 0.5;
@@ -19,10 +20,10 @@ pub(super) fn asked_accuracy(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
         .table
         .and_then(|t| t.model("sphere"))
         .map(|m| m.best_fit.mean_mm);
-    let expected = expected_error(evidence);
+    let expected = evidence.expected_error();
     let (mean, by) = match (by_instrument, expected) {
         (Some(mean), _) => (mean, "on the independent instrument's points, the base fitted to them"),
-        (None, Some(e)) => (e.mean, "expected over the workspace"),
+        (None, Some(e)) => (e.mean, "expected over the work region"),
         (None, None) => {
             let words = "the accuracy that was asked for cannot be checked: the expected error is unknown".to_owned();
             checks.push(Check::new("asked_accuracy", None, Some(asked), false, words));
@@ -39,21 +40,16 @@ pub(super) fn asked_accuracy(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
         )
     };
     checks.push(Check::new("asked_accuracy", Some(mean), Some(asked), met, words));
-    if let (true, None, Some(e)) = (met, by_instrument, expected) {
-        let sure = e.interval[1] <= asked;
-        let words = if sure {
-            format!(
-                "also the upper end of its interval, {:.3} mm, is within {asked:.3} mm",
-                e.interval[1]
-            )
-        } else {
-            format!(
-                "the asked mean error of {asked:.3} mm is not sure: the interval of the expected error ends at {:.3} mm",
-                e.interval[1]
-            )
-        };
-        let check = Check::new("asked_accuracy_sure", Some(e.interval[1]), Some(asked), sure, words);
-        checks.push(check.qualifying());
+    if let (None, Some(statement)) = (by_instrument, evidence.statement) {
+        let sure = statement.probability_below(|q| evidence.calibration.tcp_m(q, None), asked);
+        let words = format!("the mean error is below {asked:.3} mm with a probability of {sure:.3}");
+        checks.push(Check::new(
+            "asked_accuracy_sure",
+            Some(sure),
+            Some(SURE),
+            sure >= SURE,
+            words,
+        ));
     }
 }
 
@@ -69,7 +65,7 @@ pub(super) fn validation_agrees(evidence: &Evidence<'_>, checks: &mut Vec<Check>
     if evidence.cross_validated {
         return;
     }
-    let (Some(judged), Some(expected)) = (evidence.judged, expected_error(evidence)) else {
+    let (Some(judged), Some(expected)) = (evidence.judged, evidence.expected_error()) else {
         return;
     };
     let Some(model) = judged.model("calibrated") else {
@@ -80,11 +76,11 @@ pub(super) fn validation_agrees(evidence: &Evidence<'_>, checks: &mut Vec<Check>
     let Some(&median) = distances.get(distances.len() / 2) else {
         return;
     };
-    let limit = (CONTRADICTS * expected.p95).max(LEAST_CONTRADICTION_MM);
+    let limit = (CONTRADICTS * expected.measured.p95).max(LEAST_CONTRADICTION_MM);
     let agrees = median <= limit;
     let stated = format!(
-        "the validation rows are {median:.3} mm off (median), and 95 % of the workspace should stay below {:.3} mm",
-        expected.p95
+        "the validation rows are {median:.3} mm off (median), and 95 % of such rows should stay below {:.3} mm",
+        expected.measured.p95
     );
     let words = if agrees {
         stated.clone()
@@ -101,7 +97,7 @@ pub(super) fn validation_agrees(evidence: &Evidence<'_>, checks: &mut Vec<Check>
         agrees,
         words,
     ));
-    let too_good = TOO_GOOD * expected.p95;
+    let too_good = TOO_GOOD * expected.measured.p95;
     if agrees && median > too_good {
         let words = format!("{stated}: trust the validation, not the expected error");
         checks.push(Check::new("expected_error_confirmed", Some(median), Some(too_good), false, words).qualifying());

@@ -4,7 +4,7 @@ use super::asked::{asked_accuracy, validation_agrees};
 use super::diagnosed::{diagnosed, probability};
 use super::{Check, Evidence};
 use crate::Method;
-use crate::diagnosis::log_tail;
+use crate::causes::log_tail;
 use crate::residuals::OUTLIER_SIGMAS;
 
 /// Smallest share of the nominal mean error that a calibration should remove.

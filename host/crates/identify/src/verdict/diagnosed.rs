@@ -1,75 +1,31 @@
-//! Checks of the residuals: which causes the data name, and whether the result is better
-//! than the nominal robot over the whole workspace.
+//! Checks of the posterior: which causes the data name, and whether the result is better
+//! than the nominal robot over the work region.
 
 use super::{Check, Evidence};
-use crate::diagnosis::{Diagnosis, Family, Finding, ScatteredPlace, has_heavy_tails};
-use crate::evaluate::OwnSeat;
+use crate::causes::{Family, Finding, ScatteredPlace};
+use crate::hierarchy::constants::SURE;
 
-/// A cause that adds less than this share of the expected error qualifies the result: it
-/// is named, and the expected error holds it. One that adds more refuses the result, if it is certain.
-const HARMLESS: f64 = 0.5;
-/// The same in mm: less than the repeatability of any arm.
-const HARMLESS_MM: f64 = 0.01;
-/// What makes a cause certain enough to refuse a result whose errors are not normal: its chance, as a logarithm to the
-/// base 10, or its size in its own standard deviations. The chance is that of normal errors: nests that seat badly make
-/// chances of 2e-9 in sound robots, with sizes of up to 7.3 standard deviations. See `docs/theory.md`.
-const CERTAIN_LOG10_P: f64 = -10.0;
-const CERTAIN_SIZE: f64 = 8.0;
-/// What is said of such a cause.
-const DOUBTFUL: &str = "the errors are not normal, so it may also be chance; the expected error holds it";
-/// What is said of a load that only the priors of the compliance tell from chance.
-const MAY_BE_CHANCE: &str = "it may also be chance; the expected error holds it";
-/// The chance, as a logarithm to the base 10, up to which a load is certain where the errors are normal: that of all
-/// other causes together. A load is named from a larger one on.
-const CERTAIN_LOAD_LOG10_P: f64 = -3.0;
-/// Largest chance that the result is no better than the nominal robot. Set after the real
-/// data of the iiwa 14 were seen, where it is 0.044: see `docs/theory.md`.
-const NOT_BETTER: f64 = 0.05;
-/// Noise of one pose, in mm, beyond which these are not data of this robot: data sheets
-/// state repeatabilities of 0.1 mm and less (ISO 9283), and gears ripple by some tenths.
-const MOST_NOISE_MM: f64 = 1.0;
-/// Sigmas of its prior that a parameter may move before it is mentioned.
-const FAR_SIGMAS: f64 = 4.0;
-/// Sigmas of its prior that a length or twist of a link may move: beyond this the arm is
-/// not the one described.
-const OTHER_ARM_SIGMAS: f64 = 10.0;
-/// What was done about rows that sat elsewhere, and what to do.
-const SEATED: &str = "the fit gives them seats of their own, so that they tell less: clean nest and sphere";
 /// Rows that are named of a cause that concerns many.
 const NAMED_ROWS: usize = 2;
-/// Other causes that are named beside a seat.
-const NAMED_OTHERS: usize = 3;
+/// What is done about a cause.
+const TAKEN: &str = "the fit and the stated error hold it";
 
-/// Adds the checks of the diagnosis, where there is one.
+/// Adds the checks.
 pub(super) fn diagnosed(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
-    let Some(diagnosis) = evidence.diagnosis else { return };
-    causes(evidence, diagnosis, checks);
-    places(diagnosis, checks);
-    over_the_workspace(evidence, diagnosis, checks);
-    this_robot(diagnosis, checks);
+    if evidence.statement.is_none() {
+        return;
+    }
+    over_the_work_region(evidence, checks);
+    causes(evidence, checks);
+    places(evidence, checks);
     spheres(evidence, checks);
 }
 
-/// One check for each family of causes.
-fn causes(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check>) {
-    let harmless = (HARMLESS * diagnosis.drawn_mm).max(HARMLESS_MM);
-    let normal = !has_heavy_tails(evidence.calibration.heavy_tails) && evidence.seats.is_empty();
-    let seats = !evidence.seats.is_empty();
-    let doubt = |f: &Finding| doubt(f.alternative.family(), f.log10_p, f.size.abs() / f.sigma, normal, seats);
-    let described = |f: &Finding| {
-        let words = in_words(evidence, f);
-        match doubt(f) {
-            None => words,
-            Some(doubt) => format!("{words} ({doubt})"),
-        }
-    };
-    for test in &diagnosis.families {
+/// One check for each family of causes. What is named is a part of the fit, so it only qualifies the result.
+fn causes(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
+    for test in &evidence.causes.families {
         let (name, sound) = match test.family {
             Family::Certificate => ("certificate", "every sphere is where its certificate says"),
-            Family::CertificateScale => (
-                "certificate_scale",
-                "the certificate's distances fit the robot's lengths",
-            ),
             Family::Slip => ("plate_slip", "the plate (or tracker) did not slip"),
             Family::Drift => ("plate_drift", "the plate (or tracker) did not drift"),
             Family::SphereMoved => ("sphere_moved", "no sphere moved between couplings"),
@@ -80,63 +36,31 @@ fn causes(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check
             Family::Backlash => ("backlash", "no joint's error depends on the side that it came from"),
             Family::Place => ("place", "no place is off as a whole"),
             Family::Payload => ("payload", "the load at the flange is as stated"),
-            Family::Orientation => (
-                "tool_orientation",
-                "the target does not depend on the tool's orientation",
-            ),
         };
         let of_family = |f: &&Finding| f.alternative.family() == test.family;
-        let found: Vec<&Finding> = diagnosis.findings.iter().filter(of_family).collect();
-        let own: &[OwnSeat] = match test.family {
-            Family::Seat => evidence.seats,
-            _ => &[],
-        };
-        let words = if !own.is_empty() {
-            let seats: Vec<String> = own.iter().map(|seat| seated(evidence, seat)).collect();
-            let rest = found.iter().map(|f| described(f));
-            let count: usize = own.iter().map(|seat| seat.rows.len()).sum();
-            let seats = format!("the nest sat elsewhere in {count} rows: {}; {SEATED}", seats.join("; "));
-            std::iter::once(seats).chain(rest).collect::<Vec<_>>().join("; ")
-        } else if found.is_empty() {
+        let found: Vec<&Finding> = evidence.causes.findings.iter().filter(of_family).collect();
+        let words = if found.is_empty() {
             let strength = format!("strongest of {} tests: {:.1} sigma", test.tested, test.sigmas);
             if test.sigmas > test.limit {
-                format!("{sound} as far as can be told: another cause explains the data better ({strength})")
+                format!("{sound}; another cause explains the data better ({strength})")
             } else {
                 format!("{sound} ({strength})")
             }
         } else {
-            let each: Vec<String> = found.iter().map(|f| described(f)).collect();
+            let each: Vec<String> = found.iter().map(|f| in_words(evidence, f)).collect();
             each.join("; ")
         };
-        let sound = found.is_empty() && own.is_empty();
-        let sigmas = own.iter().filter_map(|seat| seat.sigmas).fold(test.sigmas, f64::max);
-        let check = Check::new(name, Some(sigmas), Some(test.limit), sound, words);
-        let refuses = found.iter().any(|f| f.harm_mm >= harmless && doubt(f).is_none());
-        checks.push(if refuses { check } else { check.qualifying() });
+        let check = Check::new(name, Some(test.sigmas), Some(test.limit), found.is_empty(), words);
+        checks.push(check.qualifying());
     }
 }
 
-/// Why a cause only qualifies a result, however much it moves the TCP; none of one that is certain. `sizes` is its size in its
-/// own standard deviations, `normal` whether the errors are normal, `seats` whether rows have seats of their own.
-fn doubt(family: Family, log10_p: f64, sizes: f64, normal: bool, seats: bool) -> Option<&'static str> {
-    let certain = match family {
-        Family::Payload if normal && log10_p > CERTAIN_LOAD_LOG10_P => return Some(MAY_BE_CHANCE),
-        _ if normal => true,
-        // It is held against the lengths of the links, and not against the scatter of the rows.
-        Family::CertificateScale => true,
-        // Where rows have seats of their own, one more qualifies as they do.
-        Family::Seat if seats => false,
-        _ => sizes >= CERTAIN_SIZE || log10_p <= CERTAIN_LOG10_P,
-    };
-    (!certain).then_some(DOUBTFUL)
-}
-
 /// Whether no place scatters more than the others.
-fn places(diagnosis: &Diagnosis, checks: &mut Vec<Check>) {
-    let Some(worst) = diagnosis.scattered.first() else {
+fn places(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
+    let Some(worst) = evidence.causes.scattered.first() else {
         return;
     };
-    let each = diagnosis.scattered.iter();
+    let each = evidence.causes.scattered.iter();
     let words: Vec<String> = each
         .map(|p| format!("{} (p = {})", p.words, probability(p.log10_p)))
         .collect();
@@ -160,7 +84,7 @@ fn in_words(evidence: &Evidence<'_>, finding: &Finding) -> String {
         .filter_map(|k| evidence.used.get(*k).copied())
         .collect();
     format!(
-        "{}{}, p = {} ({:.1} sigma); it moves the calibrated TCP by {:.3} mm in the mean{}: {}",
+        "{}{}, p = {} ({:.1} sigma); without it in the fit the TCP would be {:.3} mm off in the mean{}. {TAKEN}: {}",
         finding.words,
         in_rows(evidence, &rows),
         probability(finding.log10_p),
@@ -168,22 +92,6 @@ fn in_words(evidence: &Evidence<'_>, finding: &Finding) -> String {
         finding.harm_mm,
         or(&finding.or),
         finding.next
-    )
-}
-
-/// A seat that some rows have for themselves in the fit: how far off, in which rows, and what speaks for it.
-fn seated(evidence: &Evidence<'_>, seat: &OwnSeat) -> String {
-    let [x, y, z] = seat.offset_mm;
-    let by = match seat.sigmas {
-        Some(sigmas) => format!("{sigmas:.1} sigma"),
-        None => "rest of that coupling".to_owned(),
-    };
-    format!(
-        "{:.3} ± {:.3} mm{}, {by}{}",
-        (x * x + y * y + z * z).sqrt(),
-        seat.sigma_mm,
-        in_rows(evidence, &seat.rows),
-        or_few(&seat.or)
     )
 }
 
@@ -198,15 +106,6 @@ fn in_rows(evidence: &Evidence<'_>, rows: &[usize]) -> String {
         }
         [first, .., last] => format!(" (in {} rows, from {} to {})", rows.len(), name(first), name(last)),
         [one] => format!(" (in {})", name(one)),
-    }
-}
-
-/// What else explains the same data; of many the first few, and how many more.
-fn or_few(others: &[String]) -> String {
-    let few: Vec<String> = others.iter().take(NAMED_OTHERS).cloned().collect();
-    match others.len().saturating_sub(NAMED_OTHERS) {
-        0 => or(&few),
-        more => format!("{} and {more} more", or(&few)),
     }
 }
 
@@ -227,72 +126,33 @@ pub(super) fn probability(log10_p: f64) -> String {
     format!("{:.0}e{exponent:.0}", 10f64.powf(log10_p - exponent))
 }
 
-/// Whether the calibrated robot is better than the nominal one over the workspace.
-fn over_the_workspace(evidence: &Evidence<'_>, diagnosis: &Diagnosis, checks: &mut Vec<Check>) {
+/// Whether the calibrated robot is better than the nominal one over the work region, surely.
+fn over_the_work_region(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
+    let (Some(own), Some(before), Some(statement)) =
+        (evidence.expected_error(), evidence.nominal_error(), evidence.statement)
+    else {
+        return;
+    };
     let nominal = evidence.nominal();
-    let calibrated_tcp = |q: &[f64]| evidence.calibration.tcp_m(q, None);
-    let nominal_tcp = |q: &[f64]| nominal.pose(q).position;
-    let calibrated = diagnosis.expected_error_of(calibrated_tcp);
-    let before = diagnosis.expected_error_of(nominal_tcp);
-    let chance = diagnosis.chance_not_better(calibrated_tcp, nominal_tcp);
-    let comparison = format!(
-        "expected error over the workspace {:.3} mm (95 % interval {:.3} to {:.3} mm), {:.3} mm for the nominal robot",
-        calibrated.mean, calibrated.interval[0], calibrated.interval[1], before.mean
+    let sure = statement.probability_better(|q| evidence.calibration.tcp_m(q, None), |q| nominal.pose(q).position);
+    let words = format!(
+        "expected error over the work region {:.3} mm (95 % interval {:.3} to {:.3} mm), {:.3} mm for the nominal robot: \
+         better with a probability of {sure:.3}",
+        own.mean, own.interval[0], own.interval[1], before.mean
     );
-    let better = chance <= NOT_BETTER;
+    let better = sure >= SURE;
     let words = if better {
-        comparison
+        words
     } else {
-        format!(
-            "{comparison}: in {:.0} % of the cases that the data allow it is no better; measure more poses, on more \
-             spheres and over a wider range of joint angles",
-            chance * 100.0
-        )
+        format!("{words}; measure more poses over a wider range of joint angles")
     };
     checks.push(Check::new(
-        "better_over_the_workspace",
-        Some(chance),
-        Some(NOT_BETTER),
+        "better_over_the_work_region",
+        Some(sure),
+        Some(SURE),
         better,
         words,
     ));
-}
-
-/// Whether the rows are those of the robot that was described.
-fn this_robot(diagnosis: &Diagnosis, checks: &mut Vec<Check>) {
-    let noise = diagnosis.noise_mm;
-    let plausible = noise <= MOST_NOISE_MM;
-    let words = if plausible {
-        format!("the noise of one pose is {noise:.3} mm")
-    } else {
-        format!(
-            "the poses scatter by {noise:.1} mm about the best model: check that robot, tool, plate and units are those \
-             of these data; give --uncalibrated for an arm that was never calibrated"
-        )
-    };
-    checks.push(Check::new(
-        "noise_mm",
-        Some(noise),
-        Some(MOST_NOISE_MM),
-        plausible,
-        words,
-    ));
-    let Some(moved) = &diagnosis.moved else { return };
-    let words = format!("{} moved furthest, {:.1} sigma of its prior", moved.name, moved.sigmas);
-    let near = moved.sigmas <= FAR_SIGMAS;
-    let other_arm = moved.shape && moved.sigmas > OTHER_ARM_SIGMAS;
-    let check = Check::new(
-        "parameters_near_nominal",
-        Some(moved.sigmas),
-        Some(if other_arm { OTHER_ARM_SIGMAS } else { FAR_SIGMAS }),
-        near,
-        if near {
-            words
-        } else {
-            format!("{words}: check that the robot's description is that of this arm")
-        },
-    );
-    checks.push(if other_arm { check } else { check.qualifying() });
 }
 
 /// Whether there are enough spheres to tell the scale.
@@ -326,27 +186,4 @@ fn spheres(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
         enough,
         words,
     ));
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    // Fails if a load that some sound robots show refuses a result, if one that is certain does not, if another
-    // cause is held to the load's limit, or if any but the scale is certain in errors that are not normal before it is far off.
-    #[test]
-    fn what_may_be_chance_refuses_nothing() {
-        let normal = |family, log10_p| doubt(family, log10_p, 3.0, true, false);
-        assert_eq!(normal(Family::Payload, -2.5), Some(MAY_BE_CHANCE));
-        assert_eq!(normal(Family::Payload, -3.5), None);
-        assert_eq!(normal(Family::Slip, -2.5), None);
-        let heavy = |family, log10_p, sizes| doubt(family, log10_p, sizes, false, true);
-        for family in [Family::Payload, Family::Slip] {
-            assert_eq!(heavy(family, -9.0, 7.9), Some(DOUBTFUL));
-            assert_eq!(heavy(family, -9.0, 8.1), None);
-            assert_eq!(heavy(family, -10.5, 3.0), None);
-        }
-        assert_eq!(heavy(Family::CertificateScale, -2.5, 3.0), None);
-        assert_eq!(heavy(Family::Seat, -12.0, 9.0), Some(DOUBTFUL));
-    }
 }

@@ -1,12 +1,12 @@
 //! May the result be used? In numbers, in words, and as the exit code.
 //!
 //! One verdict for every way in which a calibration is made. [`checks`] looks at the
-//! evidence and lists what was found, each check with its number and limit;
-//! [`expected_error`] says how large the TCP's error is over the workspace.
+//! evidence and lists what was found, each check with its number and limit; the
+//! [`Statement`] gives the error of the TCP over each region.
 //!
 //! ```text
 //! Evidence ─┬ checks ─────────┬▶ Verdict
-//!           └ expected_error ─┘
+//!           └ Statement ──────┘
 //! ```
 
 mod asked;
@@ -18,18 +18,14 @@ use serde::Serialize;
 use spherecal_model::Chain;
 use spherecal_shared::robot::Tool;
 
-use crate::diagnosis::Diagnosis;
-use crate::evaluate::OwnSeat;
+use crate::causes::Causes;
 use crate::judge::{HeldOut, Judged};
 use crate::recordings::Recordings;
+use crate::statement::{ExpectedErrors, Statement};
 use crate::validate::ValidationTable;
-use crate::{Calibration, Options, halton_configurations};
+use crate::{Calibration, GeometryOnly, Options};
 
-pub use crate::expected_error::ExpectedError;
 pub use checks::checks;
-
-/// Configurations of the workspace at which the expected error is drawn.
-const CONFIGURATIONS: usize = 100;
 
 /// Everything that a check may look at.
 #[derive(Clone, Copy)]
@@ -54,10 +50,12 @@ pub struct Evidence<'a> {
     pub holdout: Option<&'a HeldOut>,
     /// Errors on the points of an independent instrument: `nominal`, `sphere`, others.
     pub table: Option<&'a ValidationTable>,
-    /// What the residuals tell; none where it could not be computed.
-    pub diagnosis: Option<&'a Diagnosis>,
-    /// Rows that have a seat of their own in the fit.
-    pub seats: &'a [OwnSeat],
+    /// What the residuals name; it is a part of the result.
+    pub causes: &'a Causes,
+    /// What the result is worth; `None` for estimators without a posterior.
+    pub statement: Option<&'a Statement>,
+    /// The geometry that files hold.
+    pub geometry: &'a GeometryOnly,
     /// TCP of the nominal robot in the last frame of the table, in m: as it was given, or
     /// as the data said with the nominal geometry, where that was another tool.
     pub nominal_tcp_m: Vector3<f64>,
@@ -110,10 +108,15 @@ impl Check {
 pub struct Verdict {
     /// Exit code 0 instead of 3.
     pub may_be_used: bool,
-    /// Error of the TCP to expect over the workspace, in mm; none where it cannot be told.
-    pub expected_error_mm: Option<ExpectedError>,
+    /// Probability that the result is better over the work region than the nominal robot and, where an accuracy was
+    /// asked for, than that; `None` where the statement is unknown.
+    pub probability: Option<f64>,
+    /// Error of the TCP to expect, in mm, over the work region and the others; `None` where it is unknown.
+    pub expected_error_mm: Option<ExpectedErrors>,
     /// The same of the nominal robot.
-    pub nominal_error_mm: Option<ExpectedError>,
+    pub nominal_error_mm: Option<ExpectedErrors>,
+    /// The same of the geometry alone, as files hold it.
+    pub file_error_mm: Option<ExpectedErrors>,
     /// Share of the nominal mean error that is gone: by the independent instrument, else
     /// by rows that were measured apart, else by the expected error over the workspace;
     /// none where nothing judged.
@@ -144,11 +147,32 @@ impl Evidence<'_> {
         Chain::unchecked(&experiment.robot, &tool)
     }
 
-    /// Expected error of the nominal robot over the workspace; none without a diagnosis.
-    pub(crate) fn nominal_error(&self) -> Option<ExpectedError> {
+    /// Expected error of the nominal robot; `None` without a statement.
+    pub(crate) fn nominal_error(&self) -> Option<ExpectedErrors> {
         let nominal = self.nominal();
-        let diagnosis = self.diagnosis?;
-        Some(diagnosis.expected_error_of(|q| nominal.pose(q).position))
+        Some(self.statement?.expected_errors_of(|q| nominal.pose(q).position))
+    }
+
+    /// Expected error of the calibrated robot.
+    pub(crate) fn expected_error(&self) -> Option<ExpectedErrors> {
+        Some(self.statement?.expected_errors_of(|q| self.calibration.tcp_m(q, None)))
+    }
+
+    /// Expected error of the geometry alone.
+    fn file_error(&self) -> Option<ExpectedErrors> {
+        let alone = Chain::unchecked(&self.geometry.robot, &self.geometry.tool);
+        Some(self.statement?.expected_errors_of(|q| alone.pose(q).position))
+    }
+
+    /// Probability that the result is better than the nominal robot, and than what was asked for.
+    pub(crate) fn probability(&self) -> Option<f64> {
+        let nominal = self.nominal();
+        let own = |q: &[f64]| self.calibration.tcp_m(q, None);
+        let better = self.statement?.probability_better(own, |q| nominal.pose(q).position);
+        let asked = self
+            .accuracy_mm
+            .and_then(|mm| Some(self.statement?.probability_below(own, mm)));
+        Some(asked.map_or(better, |asked| asked.min(better)))
     }
 
     /// What judges best: the independent instrument with the base as it measured it,
@@ -178,7 +202,7 @@ pub fn verdict(evidence: &Evidence<'_>) -> Verdict {
     let failed = |refuses: bool| checks.iter().filter(move |c| !c.passed && c.refuses == refuses);
     let may_be_used = failed(true).next().is_none();
     let reasons = failed(true).chain(failed(false)).map(|c| c.words.clone()).collect();
-    let expected = expected_error(evidence);
+    let expected = evidence.expected_error();
     let nominal = evidence.nominal_error();
     let independent = evidence.table.is_some() || (evidence.judged.is_some() && !evidence.cross_validated);
     let means = match (independent, expected, nominal) {
@@ -195,8 +219,10 @@ pub fn verdict(evidence: &Evidence<'_>) -> Verdict {
     };
     Verdict {
         may_be_used,
+        probability: evidence.probability(),
         expected_error_mm: expected,
         nominal_error_mm: nominal,
+        file_error_mm: evidence.file_error(),
         improvement: means
             .filter(|(nominal, _)| *nominal > 0.0)
             .map(|(nominal, calibrated)| 1.0 - calibrated / nominal),
@@ -204,14 +230,4 @@ pub fn verdict(evidence: &Evidence<'_>) -> Verdict {
         next: next.to_owned(),
         checks,
     }
-}
-
-/// The expected error of a calibration; none where its covariance is unknown.
-pub fn expected_error(evidence: &Evidence<'_>) -> Option<ExpectedError> {
-    let calibration = evidence.calibration;
-    if let Some(diagnosis) = evidence.diagnosis {
-        return Some(diagnosis.expected_error_of(|q| calibration.tcp_m(q, None)));
-    }
-    let configurations = halton_configurations(&calibration.robot, CONFIGURATIONS);
-    ExpectedError::of(calibration, &configurations, None)
 }

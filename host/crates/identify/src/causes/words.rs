@@ -26,7 +26,6 @@ fn share(time: f64) -> String {
 pub(crate) fn short(alternative: &Alternative, course: &Course) -> String {
     match *alternative {
         Alternative::Certificate { sphere, axis } => format!("the certificate of sphere {sphere} ({})", AXES[axis]),
-        Alternative::CertificateScale => "the scale of the certificate".to_owned(),
         Alternative::Slip { reference, time, .. } => {
             format!("{} slipped after {} of the time", place_name(reference), share(time))
         }
@@ -61,7 +60,6 @@ pub(crate) fn short(alternative: &Alternative, course: &Course) -> String {
             sphere: Some(sphere),
         } => format!("sphere {sphere} is off at {}", course.place_name(place)),
         Alternative::Payload => "the load at the flange is another than stated".to_owned(),
-        Alternative::Orientation { .. } => "the target is displaced with the tool's orientation".to_owned(),
     }
 }
 
@@ -87,11 +85,6 @@ pub(crate) fn words(
             "the certificate of sphere {sphere} is wrong: {} is off by {:.3} ± {sigma:.3} mm",
             AXES[axis],
             mm(0)
-        ),
-        Alternative::CertificateScale => format!(
-            "the certificate's scale is wrong: the robot's lengths make its distances {:.2} ± {sigma:.2} in a thousand too {}",
-            mm(0).abs(),
-            if mm(0) > 0.0 { "long" } else { "short" }
         ),
         Alternative::Slip {
             reference,
@@ -182,12 +175,6 @@ pub(crate) fn words(
             1e-3 * sigma * PAYLOAD_UNIT_KG,
             if mm(0) > 0.0 { "heavier" } else { "lighter" }
         ),
-        Alternative::Orientation { .. } => format!(
-            "{} by {:.3} ± {:.3} mm (root mean square{in_part})",
-            short(alternative, course),
-            moved.mm,
-            moved.sigma_mm
-        ),
     }
 }
 
@@ -196,9 +183,6 @@ pub(crate) fn next(alternative: &Alternative) -> &'static str {
     match alternative {
         Alternative::Certificate { .. } => {
             "compare this sphere's coordinates in the plate file with its certificate, or have the plate measured again"
-        }
-        Alternative::CertificateScale => {
-            "check the unit and the scale of the plate file against its certificate, and the robot's nominal lengths"
         }
         Alternative::Slip { .. } | Alternative::Drift { .. } => {
             "fasten the plate, let it reach the temperature of the room, and measure again"
@@ -220,9 +204,6 @@ pub(crate) fn next(alternative: &Alternative) -> &'static str {
             "look whether this sphere sat firmly in this placement, and measure the placement again"
         }
         Alternative::Payload => "weigh the tool and give --payload-kg and --payload-com-mm",
-        Alternative::Orientation { .. } => {
-            "check target and nest: roundness and certificate of the sphere, centring and angle of acceptance of the reflector"
-        }
     }
 }
 

@@ -38,16 +38,6 @@ pub(crate) fn alternatives(linear: &Linear, layout: &Layout, course: &Course) ->
             list.push((Alternative::Certificate { sphere, axis }, matrix(vec![column])));
         }
     }
-    if layout.spheres.len() > 1 {
-        let column = linear.column(|p| {
-            if p.sphere.is_some() {
-                p.rotation.tr_mul(&p.target)
-            } else {
-                Vector3::zeros()
-            }
-        });
-        list.push((Alternative::CertificateScale, matrix(vec![column])));
-    }
     let instants = instants(linear, course);
     for (r, &reference) in layout.references.iter().enumerate() {
         let here = |p: &LinearRow| p.reference == r;

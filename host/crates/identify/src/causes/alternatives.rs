@@ -2,7 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::causes::Cause;
 use crate::parameters::Reference;
 
 /// What was tested.
@@ -16,8 +15,6 @@ pub enum Alternative {
         /// Axis of the plate's frame.
         axis: usize,
     },
-    /// All distances of the certificate are wrong by one factor.
-    CertificateScale,
     /// The plate (or tracker) jumped.
     Slip {
         /// The frame that moved.
@@ -91,12 +88,6 @@ pub enum Alternative {
     },
     /// The load at the flange is another than was stated.
     Payload,
-    /// The target is displaced with the orientation of the tool.
-    Orientation {
-        /// In proportion to the direction cosines of the tool (a reflector or nest that is not where it
-        /// seems), or to their products (a sphere that is not round).
-        order: usize,
-    },
 }
 
 /// Families of alternatives: each is one check of the verdict.
@@ -105,8 +96,6 @@ pub enum Alternative {
 pub enum Family {
     /// Coordinates of the certificate.
     Certificate,
-    /// The certificate's scale.
-    CertificateScale,
     /// Jumps of the plate or tracker.
     Slip,
     /// Steady motion of the plate or tracker.
@@ -127,8 +116,6 @@ pub enum Family {
     Place,
     /// The load at the flange.
     Payload,
-    /// Targets that depend on the tool's orientation.
-    Orientation,
 }
 
 impl Alternative {
@@ -136,7 +123,6 @@ impl Alternative {
     pub fn family(&self) -> Family {
         match self {
             Self::Certificate { .. } => Family::Certificate,
-            Self::CertificateScale => Family::CertificateScale,
             Self::Slip { .. } => Family::Slip,
             Self::Drift { .. } => Family::Drift,
             Self::SphereMoved { .. } => Family::SphereMoved,
@@ -147,16 +133,6 @@ impl Alternative {
             Self::Backlash { .. } => Family::Backlash,
             Self::Place { .. } => Family::Place,
             Self::Payload => Family::Payload,
-            Self::Orientation { .. } => Family::Orientation,
-        }
-    }
-
-    /// The cause of the extended model that is the same thing, of unknown form: it is no argument against this
-    /// alternative.
-    pub(crate) fn unnamed(&self) -> Option<Cause> {
-        match self {
-            Self::Drift { .. } => Some(Cause::ReferenceDrift),
-            _ => None,
         }
     }
 
@@ -186,9 +162,7 @@ impl Alternative {
             | (Self::Backlash { joint: a }, Self::Backlash { joint: b }) => a == b,
             (Self::Lag { joint: a }, Self::Lag { joint: b }) => a == b,
             (Self::Place { .. }, Self::Place { .. }) => self == other,
-            (Self::CertificateScale, Self::CertificateScale)
-            | (Self::Payload, Self::Payload)
-            | (Self::Orientation { .. }, Self::Orientation { .. }) => true,
+            (Self::Payload, Self::Payload) => true,
             _ => false,
         }
     }

@@ -2,37 +2,30 @@
 //! from which every test and every prediction about it is computed.
 //!
 //! ```text
-//! Fit ─ Linear ─┬─ sizes of what the model leaves out   (discrepancy)
-//!               ├─ tests of named causes                (alternatives)
-//!               └─ expected error over the workspace    (expected)
+//! Fit ─ Linear ─ tests of named causes (alternatives)
 //! ```
 //!
 //! At the estimate, `y = X x + e` with `x ~ N(0, I)` (columns are scaled by the
-//! sigma of their prior) and `e ~ N(0, s² I)` (rows are whitened by the noise and
-//! by the robust weight), so that `y ~ N(0, s² I + X Xᵀ)`.
+//! sigma of their prior) and `e ~ N(0, I)` (rows are whitened by the noise and
+//! by the robust weight), so that `y ~ N(0, I + X Xᵀ)`.
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use crate::chain::Kinematics;
-use crate::load::HoldingMoments;
-use crate::map::Fit;
+use crate::hierarchy::Fit;
 use crate::normal::{Root, WhitenedTarget, whitened_rows};
 use crate::parameters::Layout;
 use crate::seen::{RowPart, Seen};
 
 /// Most observations that a statement about a fit is computed from; of more,
 /// these many evenly spread ones.
-const MOST: usize = 4000;
+const MOST: usize = 1500;
 
 /// The arm at one configuration, as columns of causes need it.
 #[derive(Clone, Debug)]
 pub(crate) struct Posture {
     /// Encoder angles, in rad.
     pub(crate) q: Vec<f64>,
-    /// Joint torques that hold the arm, in N m.
-    pub(crate) torque: Vec<f64>,
-    /// TCP in F0, in m.
-    pub(crate) tcp: Vector3<f64>,
     /// Rotation of the flange in F0.
     pub(crate) flange: Matrix3<f64>,
     /// Columns of the joint angles in F0, in m/rad.
@@ -42,7 +35,7 @@ pub(crate) struct Posture {
 }
 
 impl Posture {
-    pub(crate) fn new(layout: &Layout, k: &Kinematics, q: &[f64], load: &HoldingMoments) -> Self {
+    pub(crate) fn new(layout: &Layout, k: &Kinematics, q: &[f64]) -> Self {
         let n = layout.n;
         let mut lengths = Vec::with_capacity(2 * n);
         let mut x = Vector3::x();
@@ -53,8 +46,6 @@ impl Posture {
         }
         Self {
             q: q[..n].to_vec(),
-            torque: load.joint[..n].iter().map(|m| m[2]).collect(),
-            tcp: k.tcp,
             flange: k.frames[n - 1].rotation,
             joints: k.frames[..n]
                 .iter()
@@ -125,16 +116,13 @@ pub(crate) struct Linear {
     pub(crate) scale: Vec<f64>,
     /// The estimate that the fit gave, in units of [`Self::scale`].
     pub(crate) estimate: DVector<f64>,
-    /// Variance of the noise in units of the whitening, as the fit estimated it.
-    pub(crate) s2: f64,
-    /// Variance of one joint's white error, in rad² per unit of `s2`.
-    pub(crate) joint_variance: f64,
 }
 
 impl Linear {
-    /// The linear model of a fit; `scale` gives the sigma of each free parameter.
-    pub(crate) fn new(fit: &Fit, scale: Vec<f64>) -> Self {
+    /// The linear model of a fit, its columns scaled by the sizes that the fit found.
+    pub(crate) fn new(fit: &Fit) -> Self {
         let unknowns = &fit.unknowns;
+        let scale: Vec<f64> = unknowns.precision.iter().map(|p| p.powf(-0.5)).collect();
         let m = unknowns.len();
         let targets = |of: usize| {
             let parts = fit.prepared[of].parts();
@@ -177,7 +165,7 @@ impl Linear {
                     index: observation.index,
                     reference: observation.reference,
                     sphere: observation.sphere,
-                    posture: Posture::new(&fit.layout, &kinematics, &observation.q, &observation.load),
+                    posture: Posture::new(&fit.layout, &kinematics, &observation.q),
                     rotation: rotation.unwrap_or_else(Matrix3::identity),
                     target,
                     root: row.root,
@@ -195,9 +183,12 @@ impl Linear {
             rows,
             scale,
             estimate,
-            s2: fit.scale.powi(2),
-            joint_variance: fit.whitening.joint,
         }
+    }
+
+    /// The scales of the columns.
+    pub(crate) fn sigmas(&self) -> DVector<f64> {
+        DVector::from_column_slice(&self.scale)
     }
 
     /// Whitened column of `value` (m, F0) by target, 3n.

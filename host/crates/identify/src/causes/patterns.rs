@@ -33,9 +33,6 @@ pub(crate) fn patterns(
     if let Some(loaded) = loaded {
         list.push((Alternative::Payload, one(loaded.column(linear))));
     }
-    for order in [1, 2] {
-        list.push((Alternative::Orientation { order }, orientation(linear, order)));
-    }
     list
 }
 
@@ -137,27 +134,4 @@ fn places(linear: &Linear, layout: &Layout, course: &Course, list: &mut Vec<(Alt
             DMatrix::from_columns(&columns),
         ));
     }
-}
-
-/// Displacements of the TCP by the orientation of the tool: along each axis of the flange with each of its
-/// direction cosines, or along the axis from flange to TCP with the products of its own.
-fn orientation(linear: &Linear, order: usize) -> DMatrix<f64> {
-    let mut columns = Vec::new();
-    if order == 1 {
-        for axis in 0..3 {
-            for k in 0..9 {
-                columns.push(linear.column(|p| p.posture.flange.column(axis) * p.posture.flange[k]));
-            }
-        }
-    } else {
-        for (a, b) in [(0, 0), (1, 1), (0, 1), (0, 2), (1, 2)] {
-            columns.push(linear.column(|p| {
-                let z: Vector3<f64> = p.posture.flange.column(2).into();
-                // The sphere's own axes: those of the frame in which it stands.
-                let own = p.rotation * z;
-                z * (own[a] * own[b])
-            }));
-        }
-    }
-    DMatrix::from_columns(&columns)
 }

@@ -7,7 +7,7 @@
 use nalgebra::{DVector, Vector3};
 use spherecal_shared::robot::GRAVITY_M_S2;
 
-use super::discrepancy::Discrepancy;
+use super::extended::Extended;
 use super::linear::{Linear, Posture};
 use crate::error::IdentifyError;
 
@@ -36,7 +36,7 @@ pub(crate) struct LoadInModel {
     /// The linear model there.
     pub(crate) linear: Linear,
     /// The extended model with the load.
-    pub(crate) model: Discrepancy,
+    pub(crate) model: Extended,
     /// The load's whitened column and the sigma of its prior, in [`PAYLOAD_UNIT_KG`].
     pub(crate) columns: Vec<(DVector<f64>, f64)>,
 }
@@ -83,8 +83,8 @@ impl LoadEffects<'_> {
     pub(crate) fn in_model(
         &self,
         linear: &Linear,
-        model: &Discrepancy,
-        with: &Discrepancy,
+        model: &Extended,
+        with: &Extended,
         columns: &[(DVector<f64>, f64)],
     ) -> Result<LoadInModel, IdentifyError> {
         let by_joint = self.by_joint(linear);
@@ -98,8 +98,8 @@ impl LoadEffects<'_> {
         &self,
         linear: &Linear,
         by_joint: &[DVector<f64>],
-        model: &Discrepancy,
-        at: &Discrepancy,
+        model: &Extended,
+        at: &Extended,
         columns: &[(DVector<f64>, f64)],
     ) -> Result<LoadInModel, IdentifyError> {
         let load = at.named_effect(columns)?.0.sum();
@@ -119,7 +119,7 @@ impl LoadEffects<'_> {
             column.axpy(compliance, of_joint, 1.0);
         }
         let columns: Vec<(DVector<f64>, f64)> = columns.iter().map(|c| (column.clone(), c.1)).collect();
-        let model = model.about(&there).with(&there, &columns)?;
+        let model = model.about(&there).with(&there, &columns);
         Ok(LoadInModel {
             linear: there,
             model,

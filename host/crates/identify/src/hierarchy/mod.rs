@@ -1,29 +1,33 @@
-//! The full model's maximum a posteriori estimator, and geometry alone.
+//! One hierarchical model of a measured arm, fitted once.
 //!
-//! 1. Every reference frame is registered to the nominal robot.
-//! 2. Gauss-Newton fits the geometry with its priors, with an analytic Jacobian and Student-t
-//!    weights. Gross errors are down-weighted from here on.
-//! 3. Compliance, bending and harmonics are added as random effects. The noise scale is
-//!    re-estimated from the residuals, with the number of parameters that the data really
-//!    determine. [`effects`](super::effects) chooses among a few priors and tails by evidence.
-//! 4. The noise is inflated by the part that repeats ([`Noise::inflation`](super::options::Noise));
-//!    mode and covariance are computed with it.
+//! Row k of any instrument is `y = h(q, x) + e`. The unknowns `x` are the geometry, the frames and the tool, and the
+//! effects of joints and links. Each group of them is a random effect whose size the data find ([`sizes`]). The noise has
+//! a part of the joints and one of each instrument, with Student's t ([`noise`]). A round of the search is
+//!
+//! 1. one Gauss-Newton step on `x` with the present sizes and noise,
+//! 2. one update of the sizes and of the noise from the posterior of that step,
+//!
+//! until no standard deviation moves by [`constants::SETTLED`]. The posterior of the last round (Laplace) gives the estimate,
+//! every sigma and every statement about the result.
+
+pub(crate) mod constants;
+pub(crate) mod noise;
+pub(crate) mod sizes;
 
 use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
 
+use self::constants::{FIRST_ROUNDS, ROUNDS, SETTLED};
+use self::noise::{RowsNoise, Seen as SeenRows};
+use self::sizes::Sizes;
 use super::chain::{Prepared, State, trig};
-use super::effects::EffectPriors;
 use super::error::IdentifyError;
-use super::geometry_fit::RowNoise;
 use super::identifiability::{Identifiability, analyse};
 use super::load::Nominal;
-use super::noise_scale::Squared;
-use super::normal::{Group, Whitening, distances, groups, log_determinant};
+use super::normal::{Group, Normal, Whitening, accumulate, distances, groups, log_determinant};
 use super::options::{Model, Options, Torque};
 use super::parameter_table::table;
 use super::parameters::{Kind, Layout, Parameter};
-use super::search::{SETTLED, Search, joined};
 use super::seen::{RowPart, Seen};
 use super::solve::{Posterior, Unknowns};
 use super::targets::{reference_of, target_of};
@@ -31,15 +35,6 @@ use spherecal_model::{Experiment, Pose, Set, Target, fit_pose};
 
 /// Fewest observations: their three numbers each must exceed the six of the base.
 pub(crate) const FEWEST: usize = 3;
-/// Most Gauss-Newton steps of geometry alone.
-const STEPS: usize = 10;
-/// Most steps if the effects are added afterwards: enough to find gross errors.
-const FIRST_STEPS: usize = 4;
-/// Most steps with the effects, besides the last step with inflated noise.
-const STRUCTURED_STEPS: usize = 4;
-/// With at most this many poses the equations of the full model are rebuilt at every step. The
-/// robust weights of few poses still change much, and rebuilding is cheap.
-const FEW: usize = 600;
 /// A fitted model with all data for its result.
 pub(crate) struct Fit {
     pub(crate) layout: Layout,
@@ -52,24 +47,42 @@ pub(crate) struct Fit {
     pub(crate) whitening: Whitening,
     /// Robust weights by prepared observation.
     pub(crate) weights: Vec<f64>,
-    /// Lengths of the whitened residuals by prepared observation that say which rows are outliers, where
-    /// a richer model decided it.
-    pub(crate) richer: Option<Vec<f64>>,
-    /// Noise scale estimated, before inflation.
-    pub(crate) scale: f64,
     /// Parameters that the data determine.
     pub(crate) effective: f64,
     pub(crate) unknowns: Unknowns,
     pub(crate) covariance: DMatrix<f64>,
     /// Log evidence (Laplace) at the estimated noise, up to a constant of the data.
     pub(crate) log_evidence: f64,
-    /// Priors of the effects that the evidence chose.
-    pub(crate) choice: EffectPriors,
-    /// Log likelihood of heavy tails of the residuals over light ones; 0 where none was compared.
-    pub(crate) heavy_tails: f64,
-    /// Factor on the noise that was used: see [`Noise::inflation`](super::options::Noise).
-    pub(crate) inflation: f64,
+    /// Degrees of freedom of Student's t; 0 for normal noise.
+    pub(crate) nu: f64,
     pub(crate) identifiability: Identifiability,
+}
+
+impl Fit {
+    /// TCP (m, F0) at joint angles (rad).
+    pub(crate) fn tcps(&self, postures: &[Vec<f64>]) -> Vec<Vector3<f64>> {
+        let at = |q: &Vec<f64>| {
+            let mut padded = [0.0; super::chain::N];
+            padded.iter_mut().zip(q).for_each(|(slot, angle)| *slot = *angle);
+            self.state.evaluate(&padded, &self.nominal.load(q, None)).tcp
+        };
+        postures.par_iter().map(at).collect()
+    }
+
+    /// Moves the unknowns by `step`, in their own units.
+    pub(crate) fn moved_by(&mut self, step: &nalgebra::DVector<f64>) {
+        for (i, &column) in self.unknowns.columns.iter().enumerate() {
+            self.state.add(self.table[column].kind, step[i]);
+            self.unknowns.deviation[i] += step[i];
+        }
+        self.state.refresh();
+    }
+
+    /// Takes the covariance of the unknowns, with base shifts at the pivots.
+    pub(crate) fn replace_covariance(&mut self, mut covariance: DMatrix<f64>) {
+        about_base(&mut covariance, &self.unknowns, &self.layout, &self.state);
+        self.covariance = covariance;
+    }
 }
 
 /// Whether the torques that bend the joints are those of the data, not of the inertial model.
@@ -219,168 +232,189 @@ pub(crate) fn fit(
     model: Model,
     wanted: impl Fn(usize) -> bool,
 ) -> Result<Fit, IdentifyError> {
-    fit_knowing(experiment, options, model, None, wanted)
-}
-
-/// The same, where a richer model has found the noise of each row that `wanted` names.
-///
-/// # Errors
-/// As [`fit`].
-pub(crate) fn fit_knowing(
-    experiment: &Experiment,
-    options: &Options,
-    model: Model,
-    known: Option<&RowNoise>,
-    wanted: impl Fn(usize) -> bool,
-) -> Result<Fit, IdentifyError> {
     let nominal = Nominal::new(&experiment.robot, &experiment.tool);
-    let plain = Layout::new(experiment, 0, false);
+    let (stiffness, orders) = match model {
+        Model::Geometry => (false, 0),
+        Model::Stiffness => (true, 0),
+        Model::Full => (true, options.harmonics),
+    };
+    let layout = Layout::new(experiment, orders, stiffness);
     let in_set = |i: usize| experiment.observations.get(i).is_some_and(|o| o.set == Set::Calibrate) && wanted(i);
-    let prepared = prepare(experiment, &plain, &nominal, options.torque, in_set)?;
-    let needed = FEWEST;
-    if prepared.len() < needed {
+    let prepared = prepare(experiment, &layout, &nominal, options.torque, in_set)?;
+    if prepared.len() < FEWEST {
         return Err(IdentifyError::TooFewObservations {
             found: prepared.len(),
-            needed,
+            needed: FEWEST,
         });
     }
     if prepared.iter().all(|p| p.q == prepared[0].q) {
         return Err(IdentifyError::NoVariety);
     }
-    check_targets(&plain, &prepared)?;
-    let noise = &options.noise;
-    let grouped = groups(&prepared);
-    let stiffness = model != Model::Geometry;
-    let orders = if model == Model::Full { options.harmonics } else { 0 };
-    let layout = Layout::new(experiment, orders, stiffness);
-    let full_table = table(experiment, &layout, options)?;
-    let start = start_state(experiment, &layout, &full_table, &prepared, options.base.as_ref());
-
-    // The geometry, with the effects at their nominal values.
-    let plain_table: Vec<Parameter> = plain
-        .kinds()
-        .into_iter()
-        .filter_map(|kind| full_table.iter().find(|p| p.kind == kind).cloned())
-        .collect();
-    let mut search = Search {
-        layout: &plain,
-        table: &plain_table,
-        prepared: &prepared,
-        groups: &grouped,
-        whitening: known.map_or_else(|| Whitening::new(noise), |known| known.whitening),
-        state: start.clone(),
-        unknowns: Unknowns::new(&plain_table),
+    check_targets(&layout, &prepared)?;
+    let table = table(experiment, &layout, options)?;
+    let start = start_state(experiment, &layout, &table, &prepared, options.base.as_ref());
+    let unknowns = Unknowns::new(&table);
+    let search = Search {
+        sizes: Sizes::new(&table, &unknowns),
+        noise: RowsNoise::new(
+            Whitening::new(&options.noise),
+            options.student_t,
+            options.noise.estimate,
+        ),
+        groups: groups(&prepared),
         weights: vec![1.0; prepared.len()],
-        s2: 1.0,
-        effective: 0.0,
-        nu: options.student_t,
-        known,
-        options,
+        state: start.clone(),
+        layout: &layout,
+        table: &table,
+        prepared: &prepared,
+        unknowns,
     };
-    let richer = layout != plain;
-    let most = if richer { FIRST_STEPS } else { STEPS };
-    let (first, mut normal) = search.settle(most)?;
-    let identifiability = analyse(&first, &plain_table, prepared.len());
-    // A richer model has weighted the targets already.
-    let several = known.is_none() && search.several();
-    let changed = if several {
-        search.choose_components()?
-    } else {
-        search.choose_shape()?
-    };
-    if changed {
-        (_, normal) = search.settle(most)?;
-    }
-    // The effects join, with the geometry where it is.
-    search.unknowns = joined(&full_table, &plain_table, &search.unknowns);
-    search.layout = &layout;
-    search.table = &full_table;
-    let (mut choice, mut heavy_tails) = (EffectPriors::default(), 0.0);
-    if richer {
-        if noise.estimate {
-            search.s2 = search.s2.min(1.0);
-        }
-        normal = search.equations();
-        search.step(&normal, true)?;
-        for k in 0..STRUCTURED_STEPS {
-            if several && k > 0 {
-                search.choose_components()?;
-            }
-            if several || prepared.len() <= FEW {
-                normal = search.equations();
-            } else {
-                search.renew(&mut normal);
-            }
-            if k == 1 {
-                heavy_tails = search.choose_tails()?;
-                choice = search.choose_priors(&normal, search.inflation())?;
-            }
-            if search.step(&normal, true)? < SETTLED && k > 0 {
-                break;
-            }
-        }
-        if several {
-            search.choose_components()?;
-        }
-        normal = search.equations();
-    } else {
-        search.effective = Posterior::new(&normal, &search.unknowns, search.s2)?.effective(&search.unknowns);
-        search.reweight()?;
-        search.renew(&mut normal);
-    }
-    // The mode and covariance under inflated noise.
-    let d2 = distances(&search.state, search.layout, &prepared, &search.whitening);
-    let posterior = Posterior::new(&normal, &search.unknowns, search.s2)?;
-    let of_rows = match known {
-        Some(_) => weighted_likelihood(&d2, &search.weights, search.s2),
-        None => likelihood(&d2, search.s2, search.nu),
-    };
-    let mut log_evidence = evidence(&posterior, &search.unknowns, of_rows);
-    if several {
-        // The whitening is of these data, and other models have another.
-        log_evidence += log_determinant(&search.state, search.layout, &prepared, &search.whitening);
-    }
-    let inflation = search.inflation();
-    let inflated = search.s2 * inflation.powi(2);
-    let posterior = Posterior::new(&normal, &search.unknowns, inflated)?;
-    let (step, _) = posterior.step(&normal, &search.unknowns, inflated);
-    search.advance(&step);
-    let mut covariance = posterior.covariance();
+    let identifiability = search.identifiability(experiment, options)?;
+    let found = search.run()?;
+    let Found {
+        search,
+        posterior,
+        mut covariance,
+    } = found;
     let Search {
-        whitening,
+        sizes,
+        noise,
+        groups,
+        weights,
         state,
         unknowns,
-        weights,
-        s2,
-        effective,
         ..
     } = search;
+    let d2 = distances(&state, &layout, &prepared, &noise.whitening);
+    let numbers: f64 = prepared.iter().map(Prepared::numbers).sum();
+    let rows: f64 = d2.iter().map(|row| row.shape(1.0, noise.nu)).sum();
+    let log_evidence = posterior.log_evidence_at(&unknowns, rows)
+        + log_determinant(&state, &layout, &prepared, &noise.whitening)
+        - sizes.penalty();
+    let effective = Posterior::effective(&unknowns, &covariance).min(numbers);
     about_base(&mut covariance, &unknowns, &layout, &state);
-    let mut full_table = full_table;
+    let mut table = table;
     for (&column, precision) in unknowns.columns.iter().zip(&unknowns.precision) {
-        full_table[column].prior_sigma = precision.powf(-0.5);
+        table[column].prior_sigma = precision.powf(-0.5);
     }
     Ok(Fit {
         layout,
-        table: full_table,
+        table,
         start,
         state,
         nominal,
         prepared,
-        groups: grouped,
-        whitening,
+        groups,
+        whitening: noise.whitening,
         weights,
-        richer: None,
-        scale: s2.sqrt(),
         effective,
         unknowns,
         covariance,
         log_evidence,
-        choice,
-        heavy_tails,
-        inflation,
+        nu: noise.nu,
         identifiability,
     })
+}
+
+/// A search in progress.
+struct Search<'a> {
+    layout: &'a Layout,
+    table: &'a [Parameter],
+    prepared: &'a [Prepared],
+    groups: Vec<Group>,
+    state: State,
+    unknowns: Unknowns,
+    sizes: Sizes,
+    noise: RowsNoise,
+    /// Robust weights by prepared observation.
+    weights: Vec<f64>,
+}
+
+/// Where a search ended.
+struct Found<'a> {
+    search: Search<'a>,
+    posterior: Posterior,
+    covariance: DMatrix<f64>,
+}
+
+impl<'a> Search<'a> {
+    fn equations(&self) -> Normal {
+        accumulate(
+            &self.state,
+            self.layout,
+            self.prepared,
+            &self.groups,
+            &self.noise.whitening,
+            &self.weights,
+        )
+    }
+
+    /// What the data determine of geometry, tool and base, at the start and with equal weights.
+    fn identifiability(&self, experiment: &Experiment, options: &Options) -> Result<Identifiability, IdentifyError> {
+        let layout = Layout::new(experiment, 0, false);
+        let table = table(experiment, &layout, options)?;
+        let normal = accumulate(
+            &self.state,
+            &layout,
+            self.prepared,
+            &self.groups,
+            &self.noise.whitening,
+            &self.weights,
+        );
+        Ok(analyse(&normal, &table, self.prepared.len()))
+    }
+
+    /// Rounds until nothing moves.
+    fn run(mut self) -> Result<Found<'a>, IdentifyError> {
+        let mut rounds = 0;
+        loop {
+            self.sizes.apply(&mut self.unknowns);
+            let normal = self.equations();
+            let posterior = Posterior::new(&normal, &self.unknowns, 1.0)?;
+            let (step, _) = posterior.step(&normal, &self.unknowns, 1.0);
+            self.advance(&step);
+            let covariance = posterior.covariance();
+            rounds += 1;
+            let mut moved = f64::INFINITY;
+            if rounds > FIRST_ROUNDS {
+                moved = self.sizes.update(&self.unknowns, &covariance);
+                let seen = SeenRows {
+                    state: &self.state,
+                    layout: self.layout,
+                    unknowns: &self.unknowns,
+                    prepared: self.prepared,
+                    covariance: &covariance,
+                };
+                moved = moved.max(self.noise.update(&seen));
+                self.reweight()?;
+            }
+            if moved < SETTLED || rounds == ROUNDS {
+                return Ok(Found {
+                    search: self,
+                    posterior,
+                    covariance,
+                });
+            }
+        }
+    }
+
+    fn advance(&mut self, step: &nalgebra::DVector<f64>) {
+        for (i, &column) in self.unknowns.columns.iter().enumerate() {
+            self.state.add(self.table[column].kind, step[i]);
+            self.unknowns.deviation[i] += step[i];
+        }
+        self.state.refresh();
+    }
+
+    /// Robust weights at the state.
+    fn reweight(&mut self) -> Result<(), IdentifyError> {
+        let rows = distances(&self.state, self.layout, self.prepared, &self.noise.whitening);
+        if !rows.iter().map(|row| row.d2).sum::<f64>().is_finite() {
+            return Err(IdentifyError::Diverged { rms_mm: f64::INFINITY });
+        }
+        self.weights = rows.iter().map(|row| self.noise.weight(row.d2, row.numbers)).collect();
+        Ok(())
+    }
 }
 
 /// Converts the covariance of each base from shifts at the pivot to shifts of the base's origin:
@@ -403,27 +437,4 @@ fn about_base(covariance: &mut DMatrix<f64>, unknowns: &Unknowns, layout: &Layou
         }
         *covariance = &turn * &*covariance * turn.transpose();
     }
-}
-
-/// Log likelihood of the rows' whitened residuals under Student's t.
-fn likelihood(rows: &[Squared], s2: f64, nu: f64) -> f64 {
-    let of = |row: &Squared| row.shape(s2, nu) - 0.5 * row.numbers * s2.ln();
-    rows.iter().map(of).sum()
-}
-
-/// The same under normal noise of variance `s2` over each row's weight.
-fn weighted_likelihood(rows: &[Squared], weights: &[f64], s2: f64) -> f64 {
-    let of = |(row, w): (&Squared, &f64)| 0.5 * row.numbers * (w / s2).ln() - 0.5 * row.d2 * w / s2;
-    rows.iter().zip(weights).map(of).sum()
-}
-
-/// Laplace evidence: likelihood of the data, priors and the posterior's volume.
-fn evidence(posterior: &Posterior, unknowns: &Unknowns, data: f64) -> f64 {
-    let prior: f64 = unknowns
-        .precision
-        .iter()
-        .zip(&unknowns.deviation)
-        .map(|(p, x)| 0.5 * p.ln() - 0.5 * p * x * x)
-        .sum();
-    data + prior - 0.5 * posterior.log_determinant()
 }

@@ -2,8 +2,7 @@
 //! encoder jump?
 //!
 //! Every *alternative* is a set of columns `A` in the space of the residuals. With
-//! `P` the inverse of the covariance of the data by the extended model (the causes
-//! that are functions of posture included, see [`discrepancy`](super::discrepancy)),
+//! `P` the inverse of the covariance of the data by the model of the fit ([`extended`](super::extended)),
 //! its score is `s = Aᵀ P y`, its information `V = Aᵀ P A`, and under the model
 //! `sᵀ V⁻¹ s` is chi-square with as many degrees of freedom as columns. The effect is
 //! `V⁻¹ s` with covariance `V⁻¹`. The most significant alternative is taken into the
@@ -13,10 +12,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::alternatives::Alternative;
-use super::causes::Cause;
 use super::columns::alternatives;
-use super::component::GroupOf;
-use super::discrepancy::Discrepancy;
+use super::extended::Extended;
 use super::finding::{FamilyTest, Finding};
 use super::linear::Linear;
 use super::patterns::patterns;
@@ -32,13 +29,10 @@ const MOST: usize = 4;
 /// A load is named if it is at least so many of its standard deviations: else its 95 % interval holds none at all.
 const LEAST_LOAD: f64 = 2.0;
 
-/// Tests every alternative. Returns what was found, strongest first, the largest
-/// statistic of each family, and the extended model with what was found in it.
+/// Tests every alternative.
 ///
 /// A score under the model alone, which is cheap, says which alternatives deserve a
-/// closer look. Each of these is then taken into the extended model, whose causes
-/// compete with it: a certificate that is wrong looks much like a deflection that
-/// depends on joint 1, and the evidence says which explains the data with less.
+/// closer look. Each of these is then taken into the model, and the evidence says which explains the data with less.
 ///
 /// # Errors
 /// Equations that have no solution.
@@ -47,8 +41,8 @@ pub(crate) fn scan(
     layout: &Layout,
     course: &Course,
     loaded: Option<&LoadEffects<'_>>,
-    mut model: Discrepancy,
-) -> Result<(Vec<Finding>, Vec<FamilyTest>, Discrepancy), IdentifyError> {
+    mut model: Extended,
+) -> Result<Scanned, IdentifyError> {
     let mut list = alternatives(linear, layout, course);
     list.extend(patterns(linear, layout, course, loaded));
     list.retain(|(_, columns)| columns.norm_squared() > 0.0);
@@ -61,32 +55,18 @@ pub(crate) fn scan(
             score: DVector::zeros(0),
         })
         .collect();
-    let with_causes = model.sigmas(Cause::of_posture);
-    prepare(linear, &model, &with_causes, model.s2, &mut trials)?;
-    let mut families = Selection::new(model.s2, &trials).families();
-    let mut plain = model.sigmas(|_| false);
-    // Lengths keep their prior: it is what the scale is tested against.
-    for &c in model
-        .groups
-        .iter()
-        .filter(|g| g.of == GroupOf::Lengths)
-        .flat_map(|g| &g.columns)
-    {
-        plain[c] = 1.0;
-    }
-    prepare(linear, &model, &plain, linear.s2, &mut trials)?;
-    let mut selection = Selection::new(linear.s2, &trials);
+    prepare(linear, &model, &mut trials)?;
+    let mut selection = Selection::new(&trials);
+    let mut families = selection.families();
     let mut findings: Vec<Finding> = Vec::new();
+    let mut means: Vec<DVector<f64>> = Vec::new();
     while findings.len() < MOST {
         let mut best: Option<(f64, f64, Candidate)> = None;
         let shortlist = selection.shortlist();
         if shortlist.is_empty() {
             break;
         }
-        // A trial's amplitudes are searched once more. What that alone gains is no evidence for it.
-        let without = model
-            .log_evidence(linear)?
-            .max(model.without(linear, None)?.log_evidence(linear)?);
+        let without = model.log_evidence(linear)?;
         for index in shortlist {
             let alternative = &selection.trials[index].alternative;
             let candidate = Candidate::new(index, alternative, linear, &model, selection.wide(index), loaded)?;
@@ -94,13 +74,8 @@ pub(crate) fn scan(
             let (evidence, volume) = candidate.evidence(linear)?;
             // The width of its prior is no argument against it.
             let over = |null: f64| log_tail(2.0 * (evidence - null) + volume, freedom);
-            // Alternatives are compared with each other over the same model, and each is judged over the model
-            // that does not have it in another form.
             let weighed = over(without) - odds(alternative);
-            let log_p = match alternative.unnamed() {
-                Some(cause) => over(model.without(linear, Some(cause))?.log_evidence(linear)?),
-                None => over(without),
-            };
+            let log_p = over(without);
             if log_p < selection.limit(alternative)
                 && candidate.is_told()?
                 && best.as_ref().is_none_or(|b| weighed < b.0)
@@ -120,8 +95,26 @@ pub(crate) fn scan(
         findings.push(finding);
         selection.chosen.push(index);
         model = candidate.with;
+        means.push(model.mean()?.rows(0, model.m).into_owned());
     }
-    Ok((findings, families, model))
+    Ok(Scanned {
+        findings,
+        families,
+        means,
+        model,
+    })
+}
+
+/// What a scan gives.
+pub(crate) struct Scanned {
+    /// What was found, strongest first.
+    pub(crate) findings: Vec<Finding>,
+    /// The largest statistic of each family.
+    pub(crate) families: Vec<FamilyTest>,
+    /// The model's own columns after each finding, in units of their priors' sigmas.
+    pub(crate) means: Vec<DVector<f64>>,
+    /// The model with all that was found.
+    pub(crate) model: Extended,
 }
 
 /// An alternative in the extended model.
@@ -131,7 +124,7 @@ struct Candidate {
     /// Its whitened columns and the sigmas of their priors.
     columns: Vec<(DVector<f64>, f64)>,
     /// The model with it, about the fit.
-    with: Discrepancy,
+    with: Extended,
     /// Of the load: the model about what is estimated with it.
     load: Option<LoadInModel>,
 }
@@ -141,7 +134,7 @@ impl Candidate {
         index: usize,
         alternative: &Alternative,
         linear: &Linear,
-        model: &Discrepancy,
+        model: &Extended,
         mut columns: Vec<(DVector<f64>, f64)>,
         loaded: Option<&LoadEffects<'_>>,
     ) -> Result<Self, IdentifyError> {
@@ -151,7 +144,7 @@ impl Candidate {
                 *sigma = loaded.prior();
             }
         }
-        let with = model.with(linear, &columns)?;
+        let with = model.with(linear, &columns);
         let load = match loaded {
             Some(loaded) => Some(loaded.in_model(linear, model, &with, &columns)?),
             None => None,
@@ -182,7 +175,7 @@ impl Candidate {
     }
 
     /// The model from which its effect is told, with its columns there.
-    fn named(&self) -> (&Discrepancy, Vec<(DVector<f64>, f64)>) {
+    fn named(&self) -> (&Extended, Vec<(DVector<f64>, f64)>) {
         match &self.load {
             Some(load) => (&load.model, load.columns.clone()),
             None => (&self.with, self.columns.clone()),

@@ -5,21 +5,18 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 
 use super::alternatives::{Alternative, Family};
-use super::dense::transposed_product;
-use super::discrepancy::Discrepancy;
+use super::extended::Extended;
 use super::finding::{FamilyTest, Finding};
 use super::linear::Linear;
 use super::size::{displaced, displacement, length};
 use super::tail::{log_tail, sigmas};
 use super::words::{next, short, words};
 use crate::course::Course;
+use crate::dense::transposed_product;
 use crate::error::IdentifyError;
 
-/// Chance of a false finding over all alternatives of a sound experiment, scale and load apart.
+/// Chance of a false finding over all alternatives of a sound experiment, the load apart.
 pub(crate) const FALSE_FINDINGS: f64 = 1e-3;
-/// Standard deviations beyond which a common scale error of the certificate is
-/// found: one test, weak, because only the priors of the lengths speak to it.
-pub(crate) const SCALE_LIMIT: f64 = 2.6;
 /// Standard deviations beyond which another load is found: one test, weak too, because the priors of the compliance alone keep a
 /// load from passing for more of it. Its chance is 0.5 % for normal errors; `docs/theory.md` has what was measured.
 pub(crate) const LOAD_LIMIT: f64 = 2.8;
@@ -31,7 +28,7 @@ const COMMON: f64 = 3.0;
 const UNSEEN: f64 = 5e-3;
 /// An alternative that takes up this share of another's effect may be meant instead.
 const ALIKE: f64 = 0.9;
-/// Alternatives at most that compete with the causes of the extended model.
+/// Alternatives at most that get a closer look.
 const CANDIDATES: usize = 12;
 
 /// `ln` of how much more common a cause is than the others.
@@ -47,29 +44,16 @@ pub(super) struct TriedAlternative {
     pub(super) alternative: Alternative,
     /// Whitened columns.
     pub(super) columns: DMatrix<f64>,
-    /// `L⁻¹ D Wᵀ A / s`.
+    /// `L⁻¹ Wᵀ A`.
     pub(super) half: DMatrix<f64>,
     /// `Aᵀ P y`.
     pub(super) score: DVector<f64>,
 }
 
-/// Scores and half products of all trials with a covariance of noise `s2` and of the
-/// columns of the extended model with sigmas `d`.
-pub(super) fn prepare(
-    linear: &Linear,
-    model: &Discrepancy,
-    d: &DVector<f64>,
-    s2: f64,
-    trials: &mut [TriedAlternative],
-) -> Result<(), IdentifyError> {
-    let all = model.w.ncols();
-    let factor = model.factor(d, s2, 0, all)?;
-    let mean = model.mean_by(&factor, d, s2);
-    let residual = (&linear.y - &model.w * mean) / s2;
-    let mut scaled = model.w.transpose();
-    for (mut row, d) in scaled.row_iter_mut().zip(d.iter()) {
-        row.scale_mut(*d);
-    }
+/// Scores and half products of all trials over a model.
+pub(super) fn prepare(linear: &Linear, model: &Extended, trials: &mut [TriedAlternative]) -> Result<(), IdentifyError> {
+    let factor = model.factor()?;
+    let residual = &linear.y - &model.w * model.mean()?;
     let total: usize = trials.iter().map(|t| t.columns.ncols()).sum();
     let mut wide = DMatrix::zeros(3 * linear.rows.len(), total);
     let mut at = 0;
@@ -77,9 +61,8 @@ pub(super) fn prepare(
         wide.columns_mut(at, trial.columns.ncols()).copy_from(&trial.columns);
         at += trial.columns.ncols();
     }
-    let mut half = &scaled * &wide;
+    let mut half = transposed_product(&model.w, &wide);
     factor.half_mut(&mut half);
-    half /= s2;
     let score = transposed_product(&wide, &DMatrix::from_columns(&[residual]));
     let mut at = 0;
     for trial in trials {
@@ -93,7 +76,6 @@ pub(super) fn prepare(
 
 /// The statistics of trials, given those that were chosen before.
 pub(super) struct Selection<'a> {
-    s2: f64,
     /// Families that share the chance of a false finding, with their numbers of alternatives.
     sizes: BTreeMap<Family, usize>,
     pub(super) chosen: Vec<usize>,
@@ -101,13 +83,12 @@ pub(super) struct Selection<'a> {
 }
 
 impl<'a> Selection<'a> {
-    pub(super) fn new(s2: f64, trials: &'a [TriedAlternative]) -> Self {
+    pub(super) fn new(trials: &'a [TriedAlternative]) -> Self {
         let mut sizes = BTreeMap::new();
         for trial in trials {
             *sizes.entry(trial.alternative.family()).or_default() += 1;
         }
         Self {
-            s2,
             sizes,
             chosen: Vec::new(),
             trials,
@@ -116,7 +97,7 @@ impl<'a> Selection<'a> {
 
     /// `Aᵀ P B`.
     fn information(&self, a: &TriedAlternative, b: &TriedAlternative) -> DMatrix<f64> {
-        a.columns.tr_mul(&b.columns) / self.s2 - a.half.tr_mul(&b.half)
+        a.columns.tr_mul(&b.columns) - a.half.tr_mul(&b.half)
     }
 
     /// Score and information of a trial given those chosen before.
@@ -178,7 +159,6 @@ impl<'a> Selection<'a> {
     /// `ln` of the tail probability below which an alternative is found.
     pub(super) fn limit(&self, alternative: &Alternative) -> f64 {
         match alternative {
-            Alternative::CertificateScale => log_tail(SCALE_LIMIT * SCALE_LIMIT, 1),
             Alternative::Payload => log_tail(LOAD_LIMIT * LOAD_LIMIT, 1),
             _ => FALSE_FINDINGS.ln() - self.tests(alternative) + odds(alternative),
         }
@@ -195,11 +175,11 @@ impl<'a> Selection<'a> {
     }
 
     /// `ln` of the number of tests that an alternative's is counted among: each family has the same share of the
-    /// false findings, whatever its size, so that a cause with one test is not lost among those with many. Scale
-    /// and load are one test each, with a chance of their own.
+    /// false findings, whatever its size, so that a cause with one test is not lost among those with many. The load
+    /// is one test with a chance of its own.
     fn tests(&self, alternative: &Alternative) -> f64 {
         match alternative {
-            Alternative::CertificateScale | Alternative::Payload => 0.0,
+            Alternative::Payload => 0.0,
             _ => {
                 let own = self.sizes.get(&alternative.family()).copied().unwrap_or(1);
                 ((self.sizes.len() * own) as f64).ln()
@@ -271,7 +251,7 @@ impl<'a> Selection<'a> {
         &self,
         index: usize,
         log_p: f64,
-        with: &Discrepancy,
+        with: &Extended,
         columns: Vec<(DVector<f64>, f64)>,
         linear: &Linear,
         course: &Course,
@@ -282,7 +262,7 @@ impl<'a> Selection<'a> {
         let (size, sigma) = length(&effect, &covariance);
         let moved = displaced(displacement(linear, &trial.columns), &effect, &covariance);
         let (size, sigma) = match trial.alternative {
-            Alternative::Orientation { .. } | Alternative::Slip { turned: true, .. } => (moved.mm, moved.sigma_mm),
+            Alternative::Slip { turned: true, .. } => (moved.mm, moved.sigma_mm),
             _ => (size, sigma),
         };
         let signed = if effect.len() == 1 { effect[0] * 1e3 } else { size };

@@ -1,0 +1,147 @@
+//! The linear model of a fit with the columns of named causes.
+//!
+//! `y = X x + A a + e` with `x ~ N(0, I)` (columns of `X` are scaled by the sizes that the fit found), `e ~ N(0, I)` and a wide
+//! prior of each cause. What is named here is a part of the estimate: the posterior of this model is that of the result.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::linear::Linear;
+use crate::dense::{Factor, transposed_product};
+use crate::error::IdentifyError;
+
+/// The extended model.
+#[derive(Clone, Debug)]
+pub(crate) struct Extended {
+    /// `[X A]`, 3n x (m + k), the columns of causes times the sigmas of their priors.
+    pub(crate) w: DMatrix<f64>,
+    /// `Wᵀ W` and `Wᵀ y`.
+    n: DMatrix<f64>,
+    wy: DVector<f64>,
+    /// Columns of `X`.
+    pub(crate) m: usize,
+}
+
+impl Extended {
+    /// The model of a fit without causes.
+    pub(crate) fn new(linear: &Linear) -> Self {
+        Self::of(linear.x.clone(), linear, linear.x.ncols())
+    }
+
+    fn of(w: DMatrix<f64>, linear: &Linear, m: usize) -> Self {
+        Self {
+            n: transposed_product(&w, &w),
+            wy: w.tr_mul(&linear.y),
+            w,
+            m,
+        }
+    }
+
+    /// The same model with further whitened columns (3n) and the sigmas of their priors.
+    pub(crate) fn with(&self, linear: &Linear, columns: &[(DVector<f64>, f64)]) -> Self {
+        let (rows, before) = self.w.shape();
+        let all = before + columns.len();
+        let mut new = DMatrix::zeros(rows, columns.len());
+        for (k, (column, sigma)) in columns.iter().enumerate() {
+            new.column_mut(k).axpy(*sigma, column, 0.0);
+        }
+        let mut w = self.w.clone().resize_horizontally(all, 0.0);
+        w.columns_mut(before, columns.len()).copy_from(&new);
+        let cross = transposed_product(&w, &new);
+        let mut n = self.n.clone().resize(all, all, 0.0);
+        n.columns_mut(before, columns.len()).copy_from(&cross);
+        n.rows_mut(before, columns.len()).copy_from(&cross.transpose());
+        let mut wy = self.wy.clone().resize_vertically(all, 0.0);
+        wy.rows_mut(before, columns.len()).copy_from(&new.tr_mul(&linear.y));
+        Self { w, n, wy, m: self.m }
+    }
+
+    /// The same model about another point of linearisation.
+    pub(crate) fn about(&self, linear: &Linear) -> Self {
+        let mut w = self.w.clone();
+        w.columns_mut(0, self.m).copy_from(&linear.x);
+        Self::of(w, linear, self.m)
+    }
+
+    /// Factor of `I + Wᵀ W`.
+    ///
+    /// # Errors
+    /// Equations that have no solution.
+    pub(crate) fn factor(&self) -> Result<Factor, IdentifyError> {
+        let mut a = self.n.clone();
+        for i in 0..a.nrows() {
+            a[(i, i)] += 1.0;
+        }
+        let free = a.nrows();
+        Factor::new(a).ok_or(IdentifyError::Singular { free })
+    }
+
+    /// Log evidence up to a constant of the data.
+    ///
+    /// # Errors
+    /// Equations that have no solution.
+    pub(crate) fn log_evidence(&self, linear: &Linear) -> Result<f64, IdentifyError> {
+        let factor = self.factor()?;
+        let right = factor.half_vector(&self.wy);
+        Ok(-0.5 * (linear.y.norm_squared() - right.norm_squared() + factor.log_determinant()))
+    }
+
+    /// Means of all columns in units of their priors' sigmas.
+    ///
+    /// # Errors
+    /// Equations that have no solution.
+    pub(crate) fn mean(&self) -> Result<DVector<f64>, IdentifyError> {
+        Ok(self.factor()?.solve_vector(&self.wy))
+    }
+
+    /// Means and covariance of the columns of `X`, in units of their priors' sigmas.
+    ///
+    /// # Errors
+    /// Equations that have no solution.
+    pub(crate) fn posterior(&self) -> Result<(DVector<f64>, DMatrix<f64>), IdentifyError> {
+        let factor = self.factor()?;
+        let mean = factor.solve_vector(&self.wy).rows(0, self.m).into_owned();
+        let half = factor.half(&DMatrix::identity(self.w.ncols(), self.m));
+        Ok((mean, transposed_product(&half, &half)))
+    }
+
+    /// `ln` of the prior's covariance over the posterior's of the last `count` columns: what the width of their prior
+    /// takes off twice the log evidence.
+    ///
+    /// # Errors
+    /// Equations that have no solution.
+    pub(crate) fn named_volume(&self, count: usize) -> Result<f64, IdentifyError> {
+        let (_, covariance) = self.last(count)?;
+        Ok(-covariance.determinant().max(1e-300).ln())
+    }
+
+    /// Effect of the last columns in their own units, and its covariance.
+    ///
+    /// # Errors
+    /// Equations that have no solution.
+    pub(crate) fn named_effect(
+        &self,
+        columns: &[(DVector<f64>, f64)],
+    ) -> Result<(DVector<f64>, DMatrix<f64>), IdentifyError> {
+        let (mut effect, mut covariance) = self.last(columns.len())?;
+        for (r, (_, sigma)) in columns.iter().enumerate() {
+            effect[r] *= sigma;
+            for (c, (_, other)) in columns.iter().enumerate() {
+                covariance[(r, c)] *= sigma * other;
+            }
+        }
+        Ok((effect, covariance))
+    }
+
+    /// Mean and covariance of the last columns.
+    fn last(&self, count: usize) -> Result<(DVector<f64>, DMatrix<f64>), IdentifyError> {
+        let factor = self.factor()?;
+        let all = self.w.ncols();
+        let mean = factor.solve_vector(&self.wy).rows(all - count, count).into_owned();
+        let mut unit = DMatrix::zeros(all, count);
+        for k in 0..count {
+            unit[(all - count + k, k)] = 1.0;
+        }
+        factor.half_mut(&mut unit);
+        Ok((mean, transposed_product(&unit, &unit)))
+    }
+}

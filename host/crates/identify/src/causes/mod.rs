@@ -1,0 +1,124 @@
+//! Named causes: what else than the robot the data speak of, and the fit with it.
+//!
+//! ```text
+//! Fit ─ Linear ─ scan (alternatives · selection) ─▶ findings, and the fit with their columns
+//! ```
+//!
+//! A cause that is found is a part of the model from then on: the estimate and its covariance are those of the fit with its
+//! columns, so every statement about the result holds it.
+
+mod alternatives;
+mod columns;
+mod extended;
+mod finding;
+pub(crate) mod linear;
+mod patterns;
+mod payload;
+mod scan;
+mod scatter;
+mod selection;
+mod size;
+mod tail;
+mod words;
+
+pub use crate::course::Course;
+pub use alternatives::{Alternative, Family};
+pub use finding::{FamilyTest, Finding};
+pub use scatter::ScatteredPlace;
+
+use nalgebra::Vector3;
+
+pub(crate) use self::tail::log_tail;
+
+use self::extended::Extended;
+use self::linear::Linear;
+use self::payload::LoadEffects;
+use self::scan::scan;
+use crate::error::IdentifyError;
+use crate::hierarchy::Fit;
+use crate::options::{Options, Torque};
+use crate::parameters::Kind;
+use crate::workspace::{Rigid, workspace};
+use spherecal_model::Experiment;
+
+/// What the data name.
+#[derive(Clone, Debug, Default)]
+pub struct Causes {
+    /// Causes that the data name, strongest first.
+    pub findings: Vec<Finding>,
+    /// Largest statistic of each family of causes.
+    pub families: Vec<FamilyTest>,
+    /// Places whose rows scatter more than the others, worst first.
+    pub scattered: Vec<ScatteredPlace>,
+}
+
+/// Tests the causes in the residuals of a fit, and takes those that are found into the fit. `course` says in which order
+/// and in which coupling the observations were made.
+///
+/// # Errors
+/// Equations that have no solution.
+pub(crate) fn explain(
+    fit: &mut Fit,
+    experiment: &Experiment,
+    options: &Options,
+    course: &Course,
+) -> Result<Causes, IdentifyError> {
+    let linear = Linear::new(fit);
+    let layout = fit.layout.clone();
+    let kinds: Vec<Kind> = fit.unknowns.columns.iter().map(|c| fit.table[*c].kind).collect();
+    // Of a robot without masses the load has no size, and measured torques hold any load.
+    let loaded = LoadEffects {
+        compliance: &fit.state.compliance.clone(),
+        columns: (0..layout.n)
+            .map(|joint| kinds.iter().position(|k| *k == Kind::Compliance(joint)))
+            .collect(),
+        com_from_tcp_m: com_from_tcp(experiment),
+        arm_kg: experiment.robot.joints.iter().map(|joint| joint.link.mass_kg).sum(),
+    };
+    let by_model = !fit.nominal.assumed() && options.torque != Torque::Measured;
+    let found = scan(
+        &linear,
+        &layout,
+        course,
+        by_model.then_some(&loaded),
+        Extended::new(&linear),
+    )?;
+    let scattered = scatter::scattered(&linear, course);
+    let mut findings = found.findings;
+    if !findings.is_empty() {
+        let postures = workspace(&experiment.robot, &experiment.tool);
+        let mut before = fit.tcps(&postures);
+        let rigid = Rigid::new(&before);
+        let mut at = linear.estimate.clone();
+        for (finding, mean) in findings.iter_mut().zip(&found.means) {
+            fit.moved_by(&(mean - &at).component_mul(&linear.sigmas()));
+            at.copy_from(mean);
+            let after = fit.tcps(&postures);
+            let moved: Vec<Vector3<f64>> = after.iter().zip(&before).map(|(a, b)| a - b).collect();
+            finding.harm_mm = rigid.mean_without(&moved) * 1e3;
+            before = after;
+        }
+        let (_, mut covariance) = found.model.posterior()?;
+        for (r, a) in linear.scale.iter().enumerate() {
+            for (c, b) in linear.scale.iter().enumerate() {
+                covariance[(r, c)] *= a * b;
+            }
+        }
+        fit.replace_covariance(covariance);
+    }
+    Ok(Causes {
+        findings,
+        families: found.families,
+        scattered,
+    })
+}
+
+/// Centre of mass of the tool seen from the TCP, in m: half way to the flange where the tool has no mass.
+fn com_from_tcp(experiment: &Experiment) -> Vector3<f64> {
+    let (tcp, body) = (experiment.tool.tcp(), &experiment.tool.body);
+    if body.mass_kg > 0.0 {
+        body.com() - tcp
+    } else {
+        -0.5 * tcp
+    }
+}

@@ -1,0 +1,180 @@
+//! How large the errors of this robot are: the standard deviation of each group of random effects.
+//!
+//! Every parameter but base and spheres belongs to a [`Family`] whose members are `N(0, (t c)²)`, with a size `t` that
+//! the data find and a fixed factor `c` (1/k of a harmonic of order k). The size has a hyperprior,
+//! `ln t ~ N(ln t₀, s²)`: `t₀` is the prior of the table of parameters, `s` is in [`constants`](super::constants). So a group
+//! that the data do not determine keeps its ordinary size, and its effect is a part of the stated error.
+//!
+//! One update is a step of expectation and maximisation of the restricted likelihood: with the posterior mean `x` and
+//! covariance `P`, `E Σ (u/c)² = Σ (x² + P)/c²`; the new size is the maximum of likelihood and hyperprior.
+
+use nalgebra::DMatrix;
+
+use super::constants::{ECCENTRIC_ORDERS, ordinary_of, spread_of};
+use crate::parameters::{Kind, Parameter};
+use crate::solve::Unknowns;
+
+/// Parameters that have one size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Family {
+    /// Lengths `a` and `d`.
+    Lengths,
+    /// Twists `alpha` and `beta`.
+    Twists,
+    /// Joint offsets `theta`.
+    Offsets,
+    /// The TCP in the flange frame.
+    Tool,
+    /// Compliance of the joints.
+    Compliance,
+    /// Bending of links and tilt of the base.
+    Bending,
+    /// Low harmonics of one joint: eccentricity of encoder and gear.
+    Eccentricity(usize),
+    /// Its high harmonics: ripple of the gear.
+    Ripple(usize),
+    /// Scale of the instrument or the certificate.
+    Scale,
+    /// Seats of the couplings on the nest.
+    Seats,
+}
+
+impl Family {
+    /// The group of a parameter and its factor on the group's size; `None` for those whose prior is fixed.
+    fn of(parameter: &Parameter) -> Option<(Self, f64)> {
+        if parameter.set_by_user {
+            return None;
+        }
+        match parameter.kind {
+            Kind::A(_) | Kind::D(_) => Some((Self::Lengths, 1.0)),
+            Kind::Alpha(_) | Kind::Beta(_) => Some((Self::Twists, 1.0)),
+            Kind::Theta(_) => Some((Self::Offsets, 1.0)),
+            Kind::Tool(_) => Some((Self::Tool, 1.0)),
+            Kind::Compliance(_) => Some((Self::Compliance, 1.0)),
+            Kind::Bending(..) | Kind::Tilt(_) => Some((Self::Bending, 1.0)),
+            Kind::Cosine(joint, k) | Kind::Sine(joint, k) if k > ECCENTRIC_ORDERS => Some((Self::Ripple(joint), 1.0)),
+            Kind::Cosine(joint, k) | Kind::Sine(joint, k) => Some((Self::Eccentricity(joint), 1.0 / k as f64)),
+            Kind::Scale => Some((Self::Scale, 1.0)),
+            Kind::Seat(..) => Some((Self::Seats, 1.0)),
+            Kind::Target(..) | Kind::Body(_) | Kind::Base(..) | Kind::Sphere(..) => None,
+        }
+    }
+}
+
+/// The size of one group.
+#[derive(Clone, Debug)]
+pub(crate) struct Size {
+    pub(crate) family: Family,
+    /// Members: position among the unknowns, and factor.
+    members: Vec<(usize, f64)>,
+    /// Median of the hyperprior, SI unit of the members.
+    ordinary: f64,
+    /// Standard deviation of its logarithm.
+    spread: f64,
+    /// The present size.
+    pub(crate) size: f64,
+}
+
+/// Sizes of all groups of a model.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Sizes(pub(crate) Vec<Size>);
+
+/// Newton steps for one size, and the largest change of its logarithm in one.
+const NEWTON: (usize, f64) = (20, 1.0);
+
+impl Sizes {
+    /// Every group of the free parameters of `table`, at its ordinary size.
+    pub(crate) fn new(table: &[Parameter], unknowns: &Unknowns) -> Self {
+        let mut sizes: Vec<Size> = Vec::new();
+        for (at, &column) in unknowns.columns.iter().enumerate() {
+            let parameter = &table[column];
+            let Some((family, factor)) = Family::of(parameter) else {
+                continue;
+            };
+            match sizes.iter_mut().find(|size| size.family == family) {
+                Some(size) => size.members.push((at, factor)),
+                None => {
+                    let ordinary = ordinary_of(family, parameter.prior_sigma / factor);
+                    sizes.push(Size {
+                        family,
+                        members: vec![(at, factor)],
+                        ordinary,
+                        spread: spread_of(family),
+                        size: ordinary,
+                    });
+                }
+            }
+        }
+        Self(sizes)
+    }
+
+    /// Writes the priors that follow from the sizes.
+    pub(crate) fn apply(&self, unknowns: &mut Unknowns) {
+        for size in &self.0 {
+            for &(at, factor) in &size.members {
+                unknowns.precision[at] = (size.size * factor).powi(-2);
+            }
+        }
+    }
+
+    /// One update of every size from the posterior. Returns the largest change of a logarithm.
+    pub(crate) fn update(&mut self, unknowns: &Unknowns, covariance: &DMatrix<f64>) -> f64 {
+        let mut moved: f64 = 0.0;
+        for size in &mut self.0 {
+            let square = |&(at, factor): &(usize, f64)| {
+                (unknowns.deviation[at].powi(2) + covariance[(at, at)]) / (factor * factor)
+            };
+            let sum: f64 = size.members.iter().map(square).sum();
+            let next = penalised(
+                sum,
+                size.members.len() as f64,
+                size.ordinary.ln(),
+                size.spread,
+                size.size.ln(),
+            );
+            moved = moved.max((next - size.size.ln()).abs());
+            size.size = next.exp();
+        }
+        moved
+    }
+
+    /// Minus the logarithm of the hyperprior, up to a constant.
+    pub(crate) fn penalty(&self) -> f64 {
+        let of = |size: &Size| 0.5 * ((size.size / size.ordinary).ln() / size.spread).powi(2);
+        self.0.iter().map(of).sum()
+    }
+}
+
+/// The logarithm `l` that maximises `−n l − S e^{−2l}/2 − (l − m)²/(2 s²)`, from `start`.
+pub(crate) fn penalised(sum: f64, count: f64, middle: f64, spread: f64, start: f64) -> f64 {
+    let weak = spread.powi(-2);
+    let mut l = start;
+    for _ in 0..NEWTON.0 {
+        let data = sum * (-2.0 * l).exp();
+        let gradient = data - count - (l - middle) * weak;
+        let step = (gradient / (2.0 * data + weak)).clamp(-NEWTON.1, NEWTON.1);
+        l += step;
+        if step.abs() < 1e-9 {
+            break;
+        }
+    }
+    l
+}
+
+#[cfg(test)]
+mod tests {
+    use super::penalised;
+
+    // Fails if a size is not the root mean square of many members, if one of no data leaves its hyperprior's
+    // median, or if few members move it as far as many.
+    #[test]
+    fn a_size_lies_between_data_and_hyperprior() {
+        let (middle, spread) = (1e-3_f64.ln(), 3.0_f64.ln());
+        let many = penalised(1e6 * 4e-4, 1e6, middle, spread, middle).exp();
+        assert!((many / 2e-2 - 1.0).abs() < 1e-3, "{many}");
+        let none = penalised(0.0, 0.0, middle, spread, middle).exp();
+        assert!((none / 1e-3 - 1.0).abs() < 1e-9, "{none}");
+        let few = penalised(2.0 * 4e-4, 2.0, middle, spread, middle).exp();
+        assert!(few > 2e-3 && few < 2e-2, "{few}");
+    }
+}
