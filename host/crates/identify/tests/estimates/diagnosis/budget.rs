@@ -7,7 +7,7 @@ use spherecal_identify::diagnosis::{ErrorBudget, Source, workspace};
 use spherecal_identify::{Experiment, Options, identify};
 use spherecal_model::fit_pose;
 
-use crate::{Trial, WHITE_RAD, diagnosed, measured, normal, sound};
+use super::{Trial, WHITE_RAD, diagnosed, measured, normal, sound};
 
 /// The budget of the full model, and the root mean square error of the draws, in mm.
 fn budget(trial: &Trial) -> (ErrorBudget, f64) {
