@@ -53,8 +53,8 @@ fn every_command_has_a_manual_page() {
 // Fails if a run with all defaults written out differs in one recorded bit or
 // in its plan from a run without a configuration.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_printed_defaults_are_the_defaults() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_printed_defaults_are_the_defaults() {
     let folder = tempfile::tempdir().expect("a folder");
     let printed = spherecal(folder.path(), &["config", "--print"]);
     std::fs::write(folder.path().join("cell.toml"), &printed.stdout).expect("written");
@@ -228,8 +228,8 @@ fn nothing_is_coloured_without_a_terminal() {
 // Fails if a command panics, complains or changes its exit code because the
 // reader of its output has seen enough (`| head -1`), or of its messages.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_readers_may_leave() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_readers_may_leave() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let without = |arguments: &[&str], stdout: bool, stderr: bool| {

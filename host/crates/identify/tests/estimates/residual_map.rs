@@ -124,8 +124,8 @@ fn sound(seeds: std::ops::Range<u64>) -> usize {
 // Fails if a tool that is displaced with its orientation keeps no map, or if the map does not take most of what the
 // displacement adds to the error on rows that nothing has seen.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_displaced_tool_keeps_a_map() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_displaced_tool_keeps_a_map() {
     let (kept, [none, without, with]) = displaced(1..3, 1e-4);
     assert_eq!(kept, 2);
     assert!(with - none < 0.5 * (without - none), "{none} {without} {with}");
@@ -133,8 +133,8 @@ fn slow_a_displaced_tool_keeps_a_map() {
 
 // Fails if the same does not hold for 9 of 10 arms.
 #[test]
-#[ignore = "slow: a minute"]
-fn slow_most_displaced_tools_keep_a_map() {
+#[ignore = "long: a minute"]
+fn long_most_displaced_tools_keep_a_map() {
     let (kept, [none, without, with]) = displaced(1..11, 1e-4);
     println!(
         "{kept} of 10 keep a map; mean errors {:.3}, {:.3}, {:.3} mm",
@@ -154,8 +154,8 @@ fn a_sound_arm_keeps_no_map() {
 
 // Fails if more than one of 20 keeps a map, or if one predicts worse with it by more than 1 %.
 #[test]
-#[ignore = "slow: a minute"]
-fn slow_few_sound_arms_keep_a_map() {
+#[ignore = "long: a minute"]
+fn long_few_sound_arms_keep_a_map() {
     let kept = sound(1..21);
     println!("{kept} of 20 keep a map");
     assert!(kept <= 1, "{kept} of 20");
@@ -193,8 +193,8 @@ fn the_share_of_the_map_is_stated() {
 // Fails if a row has a part in the fit or in the map that predict it: without validation rows, the prediction of a
 // row by the cross-validation must not change, in any bit, when the row itself does.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_no_row_teaches_the_map_that_judges_it() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_no_row_teaches_the_map_that_judges_it() {
     let experiment = || {
         let mut all = seen(1, 1e-4, ROWS);
         all.observations.truncate(ROWS);
