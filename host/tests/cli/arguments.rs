@@ -48,8 +48,8 @@ fn wrong_arguments_are_named() {
 
 // Fails if `--robot` does not choose the robot of a plan, or if the configuration wins over it.
 #[test]
-#[ignore = "long: scripts/test --long runs it"]
-fn long_the_robot_can_be_an_argument() {
+#[ignore = "slow: the gate runs it"]
+fn slow_the_robot_can_be_an_argument() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("cell.toml"), "robot = \"ur5e\"\n").expect("written");
     for arguments in [

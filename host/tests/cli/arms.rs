@@ -4,8 +4,8 @@ use crate::support::{spherecal, text};
 
 // Fails if an arm with six joints and no elbow, or one with seven joints and a bent elbow, does not come through.
 #[test]
-#[ignore = "long: scripts/test --long runs it"]
-fn long_arms_of_both_kinds_run_the_whole_procedure() {
+#[ignore = "slow: the gate runs it"]
+fn slow_arms_of_both_kinds_run_the_whole_procedure() {
     all_run(&["ur5e", "fr3"]);
 }
 

@@ -53,8 +53,8 @@ fn every_command_has_a_manual_page() {
 // Fails if a run with all defaults written out differs in one recorded bit or
 // in its plan from a run without a configuration.
 #[test]
-#[ignore = "long: scripts/test --long runs it"]
-fn long_printed_defaults_are_the_defaults() {
+#[ignore = "slow: the gate runs it"]
+fn slow_printed_defaults_are_the_defaults() {
     let folder = tempfile::tempdir().expect("a folder");
     let printed = spherecal(folder.path(), &["config", "--print"]);
     std::fs::write(folder.path().join("cell.toml"), &printed.stdout).expect("written");

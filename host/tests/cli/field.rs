@@ -116,8 +116,8 @@ fn slow_telemetry_and_tables_are_read_by_others() {
 
 // Fails if a bag is made of a run that has no telemetry, or if the answer does not say what to do.
 #[test]
-#[ignore = "long: scripts/test --long runs it"]
-fn long_a_bag_needs_telemetry() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_bag_needs_telemetry() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     spherecal(folder, &["run", "--poses", "3", "--json", "--out", "o"]);
@@ -173,8 +173,8 @@ fn joint_names(urdf: &str) -> Vec<String> {
 // user's, is another robot for an independent parser and its kinematics: by
 // more than 1e-9 m or as much in rotation, at 100 configurations.
 #[test]
-#[ignore = "long: scripts/test --long runs it"]
-fn long_urdfs_are_the_same_robot_for_another_parser() {
+#[ignore = "slow: the gate runs it"]
+fn slow_urdfs_are_the_same_robot_for_another_parser() {
     let Some(python) = python() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();

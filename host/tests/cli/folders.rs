@@ -148,8 +148,8 @@ fn long_telemetry_without_a_run_is_only_that_of_an_only_run() {
 
 // Fails if the results of another arm are overwritten, or if nobody is told where they went.
 #[test]
-#[ignore = "long: scripts/test --long runs it"]
-fn long_results_of_another_arm_are_kept() {
+#[ignore = "slow: the gate runs it"]
+fn slow_results_of_another_arm_are_kept() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let report = |arm: &str| {
@@ -233,8 +233,8 @@ mod stopped {
 
     // Fails if the hint after Ctrl-C, typed as it stands, does not continue the run.
     #[test]
-    #[ignore = "long: scripts/test --long runs it"]
-    fn long_the_hint_after_ctrl_c_continues_the_run() {
+    #[ignore = "slow: the gate runs it"]
+    fn slow_the_hint_after_ctrl_c_continues_the_run() {
         let folder = tempfile::tempdir().expect("a folder");
         let folder = folder.path();
         measure(folder, 3, false, "alone");

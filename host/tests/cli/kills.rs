@@ -214,8 +214,8 @@ fn long_a_full_disk_stops_with_its_reason_and_the_run_goes_on() {
 // Fails if a host that is killed and started again on a controller that lives
 // on loses what was stored, stores a pose twice, or cannot go on.
 #[test]
-#[ignore = "long: scripts/test --long runs it"]
-fn long_a_host_that_is_killed_goes_on_with_the_controller_that_lives() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_host_that_is_killed_goes_on_with_the_controller_that_lives() {
     let folder = tempfile::tempdir().expect("a folder");
     let config = cell(folder.path());
     let config = config.display().to_string();

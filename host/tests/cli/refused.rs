@@ -167,8 +167,8 @@ fn failed<'a>(verdict: &'a Value, name: &str) -> &'a str {
 // Fails if sound contacts are refused, if their headline is not the expected error, or if
 // an asked accuracy that they miss is not refused.
 #[test]
-#[ignore = "long: scripts/test --long runs it"]
-fn long_sound_contacts_may_be_used_up_to_their_accuracy() {
+#[ignore = "slow: the gate runs it"]
+fn slow_sound_contacts_may_be_used_up_to_their_accuracy() {
     let case = Case::new(&SOUND, &PLATE);
     let output = case.identify(&["--accuracy-mm", "1"]);
     let said = text(&output.stdout);

@@ -59,8 +59,8 @@ impl Device for Real {
 
 // Fails if a campaign goes on, or waits for ever, where nobody can move the plate.
 #[test]
-#[ignore = "long: scripts/test --long runs it"]
-fn long_nobody_to_move_the_plate_is_said() {
+#[ignore = "slow: the gate runs it"]
+fn slow_nobody_to_move_the_plate_is_said() {
     let prepared = two_places();
     let plan = prepared.plan.clone();
     let mut real = Real(cell(plant(&prepared.plant, &plan)));

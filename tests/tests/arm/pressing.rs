@@ -96,8 +96,8 @@ fn long_a_push_in_a_free_motion_stops_it_and_the_run_recovers() {
 
 // Fails if the arm presses on an obstacle in a free motion, or if the run does not recover.
 #[test]
-#[ignore = "long: scripts/test --long runs it"]
-fn long_an_obstacle_is_not_pressed_on() {
+#[ignore = "slow: the gate runs it"]
+fn slow_an_obstacle_is_not_pressed_on() {
     let case = case(2, "preset = \"typical\"");
     for (entry, stiffness_n_m) in [(2, 1e4), (3, 1e4), (4, 1e3), (3, 1e5)] {
         let obstacle = InjectedFault::Obstacle {

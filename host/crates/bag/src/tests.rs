@@ -322,8 +322,8 @@ fn a_split_bag_is_read_in_its_order() {
 
 // Fails if a flipped bit or a missing end makes the reader panic, take all memory, or give other poses in silence.
 #[test]
-#[ignore = "long: scripts/test --long runs it"]
-fn long_damage_is_an_error_and_no_panic() {
+#[ignore = "slow: the gate runs it"]
+fn slow_damage_is_an_error_and_no_panic() {
     let folder = tempfile::tempdir().unwrap();
     let path = points(folder.path(), "tracker", Some(Compression::Lz4));
     let bytes = std::fs::read(&path).unwrap();

@@ -92,8 +92,8 @@ fn long_contacts_and_robot_time_are_bounded_as_asked() {
 // Fails if the arm leaves a sphere in another orientation than it came, or if the first visit does
 // not begin at home.
 #[test]
-#[ignore = "long: scripts/test --long runs it"]
-fn long_visits_begin_where_the_last_one_ended() {
+#[ignore = "slow: the gate runs it"]
+fn slow_visits_begin_where_the_last_one_ended() {
     let cell = Cell::iiwa7();
     let plan = design(&cell, &quick(60)).expect("a plan");
     for visit in &plan.spheres {
@@ -109,8 +109,8 @@ fn long_visits_begin_where_the_last_one_ended() {
 }
 
 #[test]
-#[ignore = "long: scripts/test --long runs it"]
-fn long_arms_without_an_elbow_and_several_placements_are_planned() {
+#[ignore = "slow: the gate runs it"]
+fn slow_arms_without_an_elbow_and_several_placements_are_planned() {
     let mut cell = Cell {
         robot: spherecal_model::robots::built_in("ur10e").expect("built in").robot,
         tool: iiwa7_tool(),

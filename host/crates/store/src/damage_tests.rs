@@ -155,8 +155,8 @@ fn recovered(damaged: &Path, recordings: &[Recording]) -> (usize, Recovered) {
 
 // Fails if a truncated file is taken for a complete one, or if its readable data are not saved.
 #[test]
-#[ignore = "long: scripts/test --long runs it"]
-fn long_a_cut_file_is_seen_and_what_is_left_is_saved() {
+#[ignore = "slow: the gate runs it"]
+fn slow_a_cut_file_is_seen_and_what_is_left_is_saved() {
     let folder = tempfile::tempdir().expect("a folder");
     let (path, recordings) = database(folder.path());
     let whole = std::fs::read(&path).expect("read");

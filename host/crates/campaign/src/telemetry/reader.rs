@@ -347,8 +347,8 @@ mod tests {
     // Fails if a flipped bit of a whole file ends the program, takes all memory, or changes a
     // period in silence.
     #[test]
-    #[ignore = "long: scripts/test --long runs it"]
-    fn long_a_flipped_bit_is_an_error_and_no_panic() {
+    #[ignore = "slow: the gate runs it"]
+    fn slow_a_flipped_bit_is_an_error_and_no_panic() {
         let bytes = long();
         let whole = read(&bytes).0.expect("readable");
         let mut refused = 0;
