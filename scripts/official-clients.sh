@@ -22,7 +22,7 @@ case "${1:-}" in
     install) install ;;
     test)
         install
-        SPHERECAL_REQUIRE_FIELD=1 cargo test -p spherecal-fci --test official_clients
+        SPHERECAL_REQUIRE_FIELD=1 cargo test -p spherecal-fci --test fci official_clients
         SPHERECAL_REQUIRE_FIELD=1 cargo test -p spherecal --all-features --test cli official_clients -- --include-ignored
         ;;
     *) sed -n '2,/^set -eu/p' "$0" | sed -n 's/^# \{0,1\}//p' >&2; exit 2 ;;

@@ -4,7 +4,7 @@ use crate::support::{spherecal, text};
 
 // Fails if an arm with six joints and no elbow, or one with seven joints and a bent elbow, does not come through.
 #[test]
-#[ignore = "slow: `scripts/test` runs it"]
+#[ignore = "slow: the gate runs it"]
 fn slow_arms_of_both_kinds_run_the_whole_procedure() {
     all_run(&["ur5e", "fr3"]);
 }

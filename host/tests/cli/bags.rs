@@ -136,8 +136,8 @@ fn slow_a_bag_of_rosbags_is_the_table_of_its_poses() {
 // Fails if the bag of a run does not lead to the run's calibration: a wrong contact, a pose that is lost, or angles of
 // another time. The telemetry has single precision and fewer samples than the controller averages.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_the_bag_of_a_run_gives_the_robot_of_the_run() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_the_bag_of_a_run_gives_the_robot_of_the_run() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let spherecal = |arguments: &[&str]| {

@@ -82,8 +82,8 @@ fn long_a_dozen_contacts_check_an_fr3() {
 // Fails if the same does not hold for an LBR behind a KUKA cabinet, a calibration that is right is refused, or one that is
 // not is accepted.
 #[test]
-#[ignore = "timed: 40 s of real time"]
-fn timed_a_dozen_contacts_check_an_iiwa() {
+#[ignore = "long: 40 s of real time"]
+fn long_a_dozen_contacts_check_an_iiwa() {
     let folder = tempfile::tempdir().expect("a folder");
     let truth = wrong(&nominal("iiwa7"));
     let arm = TrueArm::new(&truth, STIFF);

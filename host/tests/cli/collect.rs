@@ -279,8 +279,8 @@ fn long_guided_contacts_identify_a_panda() {
 
 // Fails if the same does not hold for an LBR behind a KUKA cabinet, which sends no velocities and no sign of the torques.
 #[test]
-#[ignore = "timed: 60 s of real time"]
-fn timed_guided_contacts_identify_an_iiwa() {
+#[ignore = "long: 60 s of real time"]
+fn long_guided_contacts_identify_an_iiwa() {
     let folder = tempfile::tempdir().expect("a folder");
     let truth = TrueArm::new(&wrong(&nominal("iiwa7")), SAGGING);
     let file = folder.path().join("hand.csv");

@@ -146,8 +146,8 @@ fn commissioned_over(link: &str) -> Value {
 // Fails if a robot behind the Franka Control Interface is not commissioned: it is read over one connection and moved over
 // the next, in real time.
 #[test]
-#[ignore = "timed: a minute of real time"]
-fn timed_a_panda_is_commissioned() {
+#[ignore = "long: a minute of real time"]
+fn long_a_panda_is_commissioned() {
     let robot = Server::start(&["plant", "--fci", "--version", "5", "--listen", "0", "--tolerant"]);
     let found = commissioned_over(&robot.peer);
     assert_eq!(found["robot"], "panda");

@@ -228,8 +228,8 @@ fn nothing_is_coloured_without_a_terminal() {
 // Fails if a command panics, complains or changes its exit code because the
 // reader of its output has seen enough (`| head -1`), or of its messages.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_readers_may_leave() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_readers_may_leave() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let without = |arguments: &[&str], stdout: bool, stderr: bool| {

@@ -231,8 +231,8 @@ fn slow_urdfs_are_the_same_robot_for_another_parser() {
 // calibrated, are another robot for an independent reader of YAML and the vendors'
 // own order of frames: by more than 1e-9 m or as much in rotation.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_joint_origins_are_the_same_robot_for_another_reader() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_joint_origins_are_the_same_robot_for_another_reader() {
     let Some(python) = python() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();

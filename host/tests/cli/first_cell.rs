@@ -82,8 +82,8 @@ fn slow_from_init_to_the_report_in_five_commands() {
 // Fails if the table that `init` begins is not one that `identify` takes with the command that it
 // names, if a table without rows is identified, or if an option there is wrong.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_poses_are_filled_in_and_identified() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_poses_are_filled_in_and_identified() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let made = init(folder, &[STATED, &["--plate-certificate", "PC-7"]].concat());

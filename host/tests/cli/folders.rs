@@ -112,8 +112,8 @@ fn slow_every_table_is_of_the_run_that_was_asked_for() {
 // Fails if the telemetry of an earlier version is lost where there is one run, or given to a run
 // that may not be its own.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_telemetry_without_a_run_is_only_that_of_an_only_run() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_telemetry_without_a_run_is_only_that_of_an_only_run() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     measure(folder, 1, false, "old");
@@ -216,8 +216,8 @@ mod stopped {
     // Fails if a run that was killed and resumed has other tables than one that was left alone: a
     // part of its telemetry twice or not at all.
     #[test]
-    #[ignore = "slow: the gate runs it"]
-    fn slow_a_killed_run_has_its_own_tables() {
+    #[ignore = "long: scripts/test --long runs it"]
+    fn long_a_killed_run_has_its_own_tables() {
         let folder = tempfile::tempdir().expect("a folder");
         let folder = folder.path();
         measure(folder, 3, false, "alone");

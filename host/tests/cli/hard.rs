@@ -102,8 +102,8 @@ const KINDS: [&str; 4] = [
 
 // Fails if a run on one arm of each kind does not finish, loses a pose, or has more than two faults.
 #[test]
-#[ignore = "slow: `scripts/test` runs it"]
-fn slow_hard_arms_finish() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_hard_arms_finish() {
     let cases: Vec<_> = CASES.into_iter().filter(|(name, ..)| KINDS.contains(name)).collect();
     assert_eq!(cases.len(), KINDS.len());
     all_finish(&cases, 30);
@@ -112,8 +112,8 @@ fn slow_hard_arms_finish() {
 // Fails if whole runs on the arms of Franka do not finish. Their light wrists stick in dry friction, and seven joints keep
 // the rank of the Jacobian where the axes 1 and 3 align: with these seeds poses were lost, or the run ended.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_arms_of_franka_finish() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_arms_of_franka_finish() {
     let harsh = |robot: &str| format!("robot = \"{robot}\"\n[plant]\npreset = \"harsh\"\n");
     let (panda, fr3) = (harsh("panda"), harsh("fr3"));
     all_finish(&[("Panda, harsh", "5", &panda), ("FR3, harsh", "4", &fr3)], 150);

@@ -107,8 +107,8 @@ fn kill(mut child: Child, rng: &mut ChaCha8Rng, within: Duration) -> bool {
 // that was left alone, if one kill leaves a file that cannot be opened, or if a
 // recording that was stored is lost or changed.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_kills_at_any_instant_leave_the_database_of_a_run_left_alone() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_kills_at_any_instant_leave_the_database_of_a_run_left_alone() {
     let folder = tempfile::tempdir().expect("a folder");
     let alone = folder.path().join("alone");
     let begun = Instant::now();
@@ -144,8 +144,8 @@ fn slow_kills_at_any_instant_leave_the_database_of_a_run_left_alone() {
 // that goes on again, or leaves it another database than a run left alone; or if
 // a database that is locked for a second does.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_host_killed_by_injection_goes_on() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_host_killed_by_injection_goes_on() {
     let folder = tempfile::tempdir().expect("a folder");
     let alone = folder.path().join("alone");
     finished(measure(folder.path(), &alone, "sim", false));
@@ -175,8 +175,8 @@ fn slow_a_host_killed_by_injection_goes_on() {
 // without its first reason and its remedy, loses a recording that was stored, or
 // leaves a run that cannot go on when there is room again.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_full_disk_stops_with_its_reason_and_the_run_goes_on() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_full_disk_stops_with_its_reason_and_the_run_goes_on() {
     let folder = tempfile::tempdir().expect("a folder");
     let alone = folder.path().join("alone");
     finished(measure(folder.path(), &alone, "sim", false));

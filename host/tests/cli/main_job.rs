@@ -295,8 +295,8 @@ fn long_five_arms_are_better_than_half_of_nominal() {
 // of the TCP is not the hold's within the noise on the typical arm, if its noise
 // is more than a few µm, or if table, plot and JSON are missing.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_second_tells_what_a_long_hold_does() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_second_tells_what_a_long_hold_does() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let arguments = [

@@ -78,8 +78,8 @@ fn every_mistake_in_a_file_is_named_with_its_remedy() {
 // plain one: the same numbers with decimal commas and semicolons in UTF-16, with
 // the robot's own joint names in another order, with columns of the user's own.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_spreadsheet_s_table_gives_the_same_result() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_spreadsheet_s_table_gives_the_same_result() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let good = prepare(folder);

@@ -147,8 +147,8 @@ fn slow_a_run_serves_its_own_page() {
 // does not close at Enter, or if the exit code is another for it.
 #[cfg(target_os = "linux")]
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_the_page_stays_after_the_run_until_it_is_closed() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_the_page_stays_after_the_run_until_it_is_closed() {
     let folder = tempfile::tempdir().expect("a folder");
     let (mut keyboard, slave) = terminal();
     let mut run = std::process::Command::new(PROGRAM)
@@ -201,8 +201,8 @@ fn slow_the_page_stays_after_the_run_until_it_is_closed() {
 // so, or ends otherwise; or if one that comes later is not told of the run.
 #[cfg(feature = "services")]
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_page_that_is_not_there_holds_nothing_up() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_page_that_is_not_there_holds_nothing_up() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let free = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");

@@ -155,8 +155,8 @@ fn own_arm(urdf: &str, contacts: Option<&str>, wanted: usize) {
 // real contacts with two sockets, does not get a calibrated URDF and a report
 // by the commands and the files that the page shows.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_seven_axis_arm_is_calibrated_from_its_owners_tables() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_seven_axis_arm_is_calibrated_from_its_owners_tables() {
     own_arm("iiwa14.urdf", Some("mukca_iiwa14.csv"), 2);
 }
 

@@ -56,8 +56,8 @@ fn slow_three_processes_record_the_bits_of_one() {
 // Fails if a plant of another seed gives the same recordings: then they would
 // not come over the link.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_another_plant_gives_other_recordings() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_another_plant_gives_other_recordings() {
     let folder = tempfile::tempdir().expect("a folder");
     let here = run(folder.path(), "sim");
     let plant = Server::start(&["plant", "--listen", "0", "--seed", "6"]);

@@ -57,8 +57,8 @@ fn slow_the_page_states_what_the_program_finds() {
 // Fails if a map of residuals is tried without being asked for, if the document does not say what was tried and why no map
 // was kept, or if the text for people keeps it back. A warped tool is `spherecal-identify`'s own test.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_map_of_residuals_is_tried_where_it_is_asked_for() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_map_of_residuals_is_tried_where_it_is_asked_for() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("sockets.toml"), SOCKETS).expect("written");
     let data = |name: &str| root().join("tests/data").join(name).display().to_string();

@@ -258,8 +258,8 @@ fn displaced(by: impl Fn(usize) -> Vector3<f64>) -> Vec<Contact> {
 // Fails if a plate that slipped or drifted, or a sphere that moved between two visits, may be
 // used, or is refused without its cause and size.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_plates_that_moved_are_refused_with_their_cause() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_plates_that_moved_are_refused_with_their_cause() {
     let half = SOUND.len() / 2;
     for (mm, words) in [(1.0, "the plate slipped by"), (10.0, "the plate slipped by")] {
         let aside = Vector3::new(-0.6, 0.8, 0.0) * (mm * 1e-3);
@@ -275,8 +275,8 @@ fn slow_plates_that_moved_are_refused_with_their_cause() {
 // Fails if rows that cannot tell the scale may be used, if copies of rows make the result
 // better, if few rows do not make it worse, or if gross errors spoil it or are not named.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_few_copied_and_gross_rows_are_stated_as_what_they_are() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_few_copied_and_gross_rows_are_stated_as_what_they_are() {
     let case = Case::new(&SOUND, &PLATE);
     assert_eq!(case.identify(&[]).status.code(), Some(0));
     let sound = mean(&case.verdict());
@@ -318,8 +318,8 @@ fn slow_few_copied_and_gross_rows_are_stated_as_what_they_are() {
 // Fails if rows of another arm, copies of the calibration rows, or a hold-out that leaves
 // the plate free to turn judge a result.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_judges_that_judge_nothing_are_refused() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_judges_that_judge_nothing_are_refused() {
     let case = Case::new(&SOUND, &PLATE);
     case.put("other.csv", &measured("2"));
     case.refused(

@@ -50,8 +50,8 @@ fn timed_a_run_over_the_franka_control_interface() {
 // Fails if a run over a robot's own interface does not end where its poses cannot be planned, although the robot is
 // connected by then.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_plan_that_cannot_be_made_ends_with_its_reason() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_plan_that_cannot_be_made_ends_with_its_reason() {
     let folder = tempfile::tempdir().expect("a folder");
     let robot = Server::start(&["plant", "--fci", "--version", "5", "--listen", "0", "--tolerant"]);
     let far = "robot = \"panda\"\n[[cell.placements]]\norigin_m = [3.0, 0.0, 0.0]\nrpy_rad = [0.0, 0.0, 0.0]\n";
@@ -122,8 +122,8 @@ fn long_an_arm_as_measured_behind_the_fast_robot_interface() {
 // Fails if a controller in a process of its own does not tell its host how punctual it is, or if a cycle is
 // missing in what it tells.
 #[test]
-#[ignore = "timed: 40 s of real time"]
-fn timed_a_controller_of_its_own_tells_its_times() {
+#[ignore = "long: 40 s of real time"]
+fn long_a_controller_of_its_own_tells_its_times() {
     let folder = tempfile::tempdir().expect("a folder");
     let config = "robot = \"panda\"\n[procedure.law]\ntorque_rate_nm_s = 990.0\n";
     std::fs::write(folder.path().join("panda.toml"), config).expect("a configuration");

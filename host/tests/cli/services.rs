@@ -86,8 +86,8 @@ fn slow_a_run_over_services_is_the_run_in_one_process() {
 // Fails if a server closes the connection of a client that plans or waits for longer than the server's pings may stay
 // without an answer (40 s), and the run then ends.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_client_that_plans_for_long_keeps_its_connection() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_client_that_plans_for_long_keeps_its_connection() {
     use spherecal::campaign::Tracker as _;
     use spherecal::model::TrackerSession;
     use spherecal::services::grpc::{RemoteStore, RemoteTracker};
@@ -113,8 +113,8 @@ fn slow_a_client_that_plans_for_long_keeps_its_connection() {
 // Fails if the plate of a simulated cell behind gRPC does not move between two
 // placements, or moves elsewhere than in one process.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_the_plate_is_moved_over_services() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_the_plate_is_moved_over_services() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let place = spherecal::job::Config::default().cell.placements[0];

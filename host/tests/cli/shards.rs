@@ -38,16 +38,16 @@ fn three_shards_and_one_run(study: &[&str], options: &[&str]) {
 // Fails if the merge of three shards differs from one run by a bit, for any of the studies that can be
 // divided, or if a shard that is finished is worked on again.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_three_shards_of_worlds_have_the_bits_of_one_run() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_three_shards_of_worlds_have_the_bits_of_one_run() {
     let options = ["--world", "W0", "--world", "W4", "--seeds", "2", "--poses", "20"];
     let estimators = ["--estimator", "nominal", "--estimator", "sphere"];
     three_shards_and_one_run(&["worlds"], &[&options[..], &estimators].concat());
 }
 
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_three_shards_of_faults_have_the_bits_of_one_run() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_three_shards_of_faults_have_the_bits_of_one_run() {
     let options = [
         "--only",
         "state_frozen",
@@ -77,8 +77,8 @@ fn long_three_shards_of_a_campaign_and_of_the_paper_have_the_bits_of_one_run() {
 // Fails if a shard that is killed in the middle does not go on, works on a robot again, or if what is
 // merged then is not what one run gives.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_killed_shard_goes_on() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_killed_shard_goes_on() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let study = [
@@ -135,8 +135,8 @@ fn slow_a_killed_shard_goes_on() {
 // Fails if a wrong shard, a missing shard or one of another study is not refused with exit code 2 and
 // what to do.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_wrong_shards_are_refused() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_wrong_shards_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let study = [
@@ -214,8 +214,8 @@ fn argument(manifest: &str) -> String {
 // Fails if the job array for Slurm or the manifests for Kubernetes do not run, or give another result
 // than one run.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_the_examples_for_clusters_run() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_the_examples_for_clusters_run() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let small = [("ROBOTS", "1"), ("POSES", "20"), ("SHARDS", "2"), ("ROWS", "csv")];

@@ -46,8 +46,8 @@ fn table(poses: bool) -> String {
 // off by half, if a table of single points has them, or if
 // a measured point is not part of the hash of the recordings.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_each_target_is_named_with_noise_and_error() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_each_target_is_named_with_noise_and_error() {
     let folder = tempfile::tempdir().expect("a folder");
     for poses in [false, true] {
         std::fs::write(folder.path().join("table.csv"), table(poses)).expect("written");

@@ -53,8 +53,8 @@ fn measure(folder: &Path, link: &str, how: &[&str]) -> Child {
 // Fails if a robot whose client is killed goes on moving, one whose client stalls does not end in its reflex for the
 // missing commands, a command comes after that, a recording is lost, or `--resume` does not clear the reflex and finish.
 #[test]
-#[ignore = "timed: 2 minutes of real time"]
-fn timed_a_host_killed_over_the_franka_control_interface_goes_on() {
+#[ignore = "long: 2 minutes of real time"]
+fn long_a_host_killed_over_the_franka_control_interface_goes_on() {
     let folder = tempfile::tempdir().expect("a folder");
     let config = cell(folder.path(), "panda");
     let arm = job::simulated_robot(&config, (0.0, 0.0)).expect("an arm");

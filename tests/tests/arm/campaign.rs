@@ -54,8 +54,8 @@ fn two_spheres_are_recorded_pose_by_pose() {
 // Fails if a stop that needs no way over home is not reached straight from the one before, which saves time, or not as
 // well. Where the straight motion is not clear, its vias may take longer than the way over home.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_stop_is_reached_straight_from_the_one_before() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_stop_is_reached_straight_from_the_one_before() {
     let config = PlantConfig::typical();
     let mut saved_s = Vec::new();
     for pair in [[0, 1], [1, 2], [2, 0]] {

@@ -88,8 +88,8 @@ fn commissioned(prepared: &PreparedRun, person: &mut Person) -> (Commissioning, 
 // Fails if an arm as described, or one as hard as real ones, does not pass every step, if a step is left out or asks
 // fewer than two questions, or if the store does not hold what was found.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_sound_arms_pass_every_step() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_sound_arms_pass_every_step() {
     for (robot, preset, seed) in [
         ("iiwa7", "typical", 1),
         ("iiwa7", "as_measured", 2),

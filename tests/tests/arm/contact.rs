@@ -62,8 +62,8 @@ fn recordings(rig: &Rig) -> Vec<Recording> {
 /// Fails if an approach from 20 mm above and 10 mm beside does not end in a
 /// contact at 7.5 N held for the dwell, with the nest seated within 5 s.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_nest_centres_itself_from_every_side() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_nest_centres_itself_from_every_side() {
     let config = plant();
     for k in 0..8 {
         let (s, c) = (f64::from(k) * std::f64::consts::FRAC_PI_4).sin_cos();
@@ -193,8 +193,8 @@ fn a_nest_that_comes_off_is_noticed() {
 /// Fails if the procedure works on an ideal arm only: the presets with wrong
 /// geometry, compliance, noise and friction, waypoints 10 mm off.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_real_presets_couple_too() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_real_presets_couple_too() {
     for preset in ["typical", "harsh"] {
         for seed in 1..=3 {
             let config = PlantConfig {

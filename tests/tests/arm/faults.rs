@@ -205,8 +205,8 @@ fn start(image: &Path, folder: &Path) -> Result<Box<dyn Controller>, LinkError> 
 // Fails if a controller in QEMU that is reset in the middle of a recording is
 // not found again, or the run loses or repeats a pose by it.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_controller_in_qemu_is_reset() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_controller_in_qemu_is_reset() {
     let Some(image) = image() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().to_owned();
@@ -224,8 +224,8 @@ fn amount(name: &str, usual: u64) -> u64 {
 // Fails if any fault at any of the sampled instants ends otherwise than
 // docs/recovery.md says. The whole matrix: `spherecal faults`.
 #[test]
-#[cfg_attr(debug_assertions, ignore = "slow: run by name")]
-fn slow_every_fault_alone() {
+#[cfg_attr(debug_assertions, ignore = "long: scripts/test --long runs it")]
+fn long_every_fault_alone() {
     let table = matrix::run(&MatrixOptions {
         instants: amount("SPHERECAL_INSTANTS", 2) as u32,
         seeds: amount("SPHERECAL_SEEDS", 1),

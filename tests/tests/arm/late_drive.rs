@@ -262,8 +262,8 @@ fn the_arm_moves_and_holds_before_the_step() {
 // close later than 20 ms after the guard's fault, or if a joint is faster than 1.5 rad/s
 // after a step to 12 ms or less (6 ms in a turn). Fails also if no step is one that the law cannot hold.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_step_of_the_delay_is_braked_in_time() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_step_of_the_delay_is_braked_in_time() {
     let config = PlantConfig::typical();
     let doings = [
         Doing::Idle,

@@ -87,8 +87,8 @@ fn press_and_release(aside: Vector3<f64>) -> Plant<7> {
 /// Up to 12 mm of lateral offset the nest slides home; from 36 mm over a pad's
 /// land it stays on the rim, and nothing centres it.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_lateral_offsets_centre_but_a_rim_hit_does_not() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_lateral_offsets_centre_but_a_rim_hit_does_not() {
     for millimetres in [2.0, 8.0, 12.0] {
         for k in 0..8 {
             let (s, c) = (f64::from(k) * core::f64::consts::FRAC_PI_4).sin_cos();

@@ -42,8 +42,8 @@ fn case(seed: u64, plant: &str) -> Case {
 
 // Fails if model error, friction, elasticity or noise of a sound run counts as pressing.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_sound_runs_do_not_press() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_sound_runs_do_not_press() {
     for (name, seed, plant) in HARD {
         let trial = case(seed, plant).run(&FaultPlan::default()).expect("a run");
         println!("{name}, seed {seed}: {:?}", trial.faults);
@@ -77,8 +77,8 @@ fn disturbed(case: &Case, what: InjectedFault, entry: u32, after_s: f64, for_s: 
 
 // Fails if a push that lasts does not stop a free motion, or if the run does not recover.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_push_in_a_free_motion_stops_it_and_the_run_recovers() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_push_in_a_free_motion_stops_it_and_the_run_recovers() {
     let case = case(2, "preset = \"typical\"");
     for (entry, force_n) in [
         (1, [0.0, 0.0, 40.0]),

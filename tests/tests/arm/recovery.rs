@@ -36,8 +36,8 @@ fn slow_a_push_off_the_sphere_is_recovered_without_pressing() {
 // Fails if the arm compensates a push that has spoilt its tare: on the way off it would press with that force, three
 // times in a row, and give the sphere up.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_push_in_the_tare_is_not_compensated() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_push_in_the_tare_is_not_compensated() {
     let case = Case::new(2, Finish::Record).expect("a case");
     for force_n in [[40.0, 0.0, 0.0], [0.0, -40.0, 0.0], [0.0, 0.0, 40.0]] {
         let push = InjectedFault::HumanPush { force_n };
@@ -51,8 +51,8 @@ fn slow_a_push_in_the_tare_is_not_compensated() {
 // Fails if an arm that is pushed until it is stretched, and through, twists its elbow round: the torque that its drive
 // cannot follow was reported as a failing sensor, at every attempt to leave.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_an_arm_pushed_through_its_stretched_posture_comes_back() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_an_arm_pushed_through_its_stretched_posture_comes_back() {
     let case = Case::new(2, Finish::Record).expect("a case");
     for newton in [25.0, 33.0, 45.0] {
         for entry in 1..=3 {
@@ -77,8 +77,8 @@ fn slow_an_arm_pushed_through_its_stretched_posture_comes_back() {
 // Fails if the search for the worst push finds one after which the arm presses, or a run that ends
 // without a reason.
 #[test]
-#[ignore = "slow: 48 runs"]
-fn slow_the_worst_pushes_do_not_make_the_arm_press() {
+#[ignore = "long: 48 runs"]
+fn long_the_worst_pushes_do_not_make_the_arm_press() {
     let table = worst::run(&WorstOptions {
         only: vec!["human_push".to_owned()],
         runs: 48,

@@ -150,8 +150,8 @@ const ALL_SIZES_M: [f64; 4] = [0.3e-3, 1e-3, 3e-3, 10e-3];
 // Fails if a sphere that moved by 0.3 mm between two visits is not noticed and named in six directions, or if one that
 // did not move is.
 #[test]
-#[ignore = "slow: 12 runs"]
-fn slow_a_sphere_that_moved_between_two_visits_is_named() {
+#[ignore = "long: 12 runs"]
+fn long_a_sphere_that_moved_between_two_visits_is_named() {
     every_move_is_told(checked(true), false, &ALL_SIZES_M[..1], 6, 0);
 }
 
@@ -182,8 +182,8 @@ fn a_sphere_is_confirmed_and_visited_again() {
 // By default the first coupling is not confirmed: a small move is named and does not stop the run. Fails if one of
 // 0.3 or 3 mm is neither named nor stops it in six directions, or if one that stayed is named.
 #[test]
-#[ignore = "slow: 18 runs"]
-fn slow_by_default_a_sphere_that_moved_is_named() {
+#[ignore = "long: 18 runs"]
+fn long_by_default_a_sphere_that_moved_is_named() {
     every_move_is_told(RunOptions::default(), true, &[0.3e-3, 3e-3], 6, 0);
 }
 

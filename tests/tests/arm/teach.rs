@@ -56,8 +56,8 @@ fn taught(prepared: &PreparedRun) -> TaughtWaypoints {
 // so far off that the nest would not catch; with mass errors and friction that
 // the controller does not know.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_the_hand_leads_the_arm_over_every_sphere() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_the_hand_leads_the_arm_over_every_sphere() {
     for (preset, seed) in [
         ("typical", 1),
         ("typical", 2),

@@ -82,8 +82,8 @@ fn spread(drawn: &[Shape], of: fn(&Shape) -> f64) -> [f64; 3] {
 // median robot are smaller than the real ones (docs/design/identification.md): there the real one must lie among
 // the middle four fifths of W5's robots. W0 fails in all four.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_w5_leaves_the_residuals_of_a_real_arm() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_w5_leaves_the_residuals_of_a_real_arm() {
     let real = Shape::of(&super::mukca::experiment());
     let drawn = drawn(9000, 24);
     for (name, near, of) in [

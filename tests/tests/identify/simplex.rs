@@ -177,8 +177,8 @@ fn the_papers_simplex_is_reproduced_and_freezes() {
 // Fails if the scaled simplex misses the optimum by 1 %, or if the usual one,
 // with as many evaluations, is not far from it: the first steps are at fault.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_scaled_steps_reach_the_optimum_and_the_usual_do_not() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_scaled_steps_reach_the_optimum_and_the_usual_do_not() {
     for pairs in [Pairs::Vector, Pairs::Norm] {
         let (_, problem) = spheres_of_w1(Method::NelderMeadScaled, pairs);
         let optimum = problem.objective_mm2(&problem.solve(false).expect("solvable"));

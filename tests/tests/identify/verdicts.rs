@@ -331,8 +331,8 @@ fn study_of_arms_as_measured() {
 // Fails if a sound robot is refused for a cause that its badly seated nests only seem to show, if that is not said,
 // or if a plate that slipped by 2 mm passes on the same robot.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_heavy_tails_make_no_certain_cause() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_heavy_tails_make_no_certain_cause() {
     let poses = default_plan();
     let of = |broken| outcome(&record(World::W5, broken, 2020, &poses), true).verdict;
     let sound = of(Broken::Nothing);

@@ -31,8 +31,8 @@ fn standard_error(table: &Comparison, world: World, estimator: Estimator) -> f64
 // loses against the laser's geometry in W0 or W1, strays in W0 from the estimator
 // that knows the laws of the errors, or makes any robot worse than nominal.
 #[test]
-#[cfg_attr(debug_assertions, ignore = "slow: run in release")]
-fn slow_full_model_over_all_worlds() {
+#[cfg_attr(debug_assertions, ignore = "long: scripts/test --long runs it")]
+fn long_full_model_over_all_worlds() {
     let options = CompareOptions {
         seeds: (0..ROBOTS as u64).collect(),
         ..CompareOptions::default()

@@ -196,8 +196,8 @@ fn residuals(experiments: &[(Experiment, Experiment)]) -> [f64; 3] {
 /// world: by more than a tenth what the structured estimator leaves, by more than
 /// a quarter what geometry leaves, which differs more from robot to robot.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_drawn_robots_are_as_rough_as_the_stored_ones() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_drawn_robots_are_as_rough_as_the_stored_ones() {
     for (world, names) in [
         (World::W1, ["world_W1_seed0", "world_W1_seed1"]),
         (World::W4, ["world_W4_seed0", "world_W4_seed1"]),

@@ -60,7 +60,7 @@ fn slow_a_bad_link_changes_no_bit_of_a_short_run() {
 }
 
 #[test]
-#[ignore = "slow: 150 poses over a bad link"]
-fn slow_a_bad_link_changes_no_bit_of_a_whole_run() {
+#[ignore = "long: 150 poses over a bad link"]
+fn long_a_bad_link_changes_no_bit_of_a_whole_run() {
     same_recordings(150, 1..4);
 }

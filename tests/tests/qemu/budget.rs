@@ -18,8 +18,8 @@ const MEAN_BUDGET: f64 = 28_000.0;
 // Fails if the stages cost more than the budget allows, or if the README says
 // something else than what is measured (5 %).
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_the_table_of_stages_is_what_is_measured() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_the_table_of_stages_is_what_is_measured() {
     let (Some(m7), Some(m4)) = (image(), m4_image()) else {
         return;
     };
@@ -177,8 +177,8 @@ fn bound(board: &Board) -> u32 {
 // a run with contact or by the frames and calls of the code; or if the README
 // says something else than what is measured (5 %).
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_the_table_of_memory_is_what_is_measured() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_the_table_of_memory_is_what_is_measured() {
     let (Some(image), Some(nucleo)) = (image(), nucleo_image()) else {
         return;
     };

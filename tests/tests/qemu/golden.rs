@@ -98,12 +98,10 @@ fn in_this_process() {
     );
 }
 
-// Fails if a bit differs on the Cortex-M7, in one run out of three.
-#[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_in_qemu_three_times_out_of_three() {
+/// The same run on the emulated Cortex-M7, this many times.
+fn in_qemu(times: usize) {
     let Some(image) = image() else { return };
-    for turn in 1..=3 {
+    for turn in 1..=times {
         let folder = tempfile::tempdir().expect("a folder");
         let options = QemuOptions {
             image: Some(image.clone()),
@@ -113,6 +111,20 @@ fn slow_in_qemu_three_times_out_of_three() {
         let (hash, ticks) = run(Qemu::start(&options).expect("QEMU starts"));
         let rate = ticks as f64 / start.elapsed().as_secs_f64();
         eprintln!("run {turn}: {ticks} ticks, {rate:.0} a second");
-        assert_eq!(hash, GOLDEN, "run {turn} of 3");
+        assert_eq!(hash, GOLDEN, "run {turn} of {times}");
     }
+}
+
+// Fails if a bit differs on the Cortex-M7.
+#[test]
+#[ignore = "slow: the gate runs it"]
+fn slow_in_qemu() {
+    in_qemu(1);
+}
+
+// Fails if a bit differs on the Cortex-M7 in one run out of three.
+#[test]
+#[ignore = "long: scripts/test --long runs it"]
+fn long_in_qemu_three_times_out_of_three() {
+    in_qemu(3);
 }

@@ -19,8 +19,8 @@ const TICKS: u64 = 2;
 // Fails if a task that hogs the processor for 20 ms at a time moves the start of
 // one control tick by more than 2 µs, through rest, approach and contact.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_hog_below_does_not_move_the_beat() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_hog_below_does_not_move_the_beat() {
     let Some(image) = image() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let options = QemuOptions {

@@ -19,8 +19,8 @@ fn promised(plan: &Plan) -> Accuracy {
 // grid, if the prediction differs from the one computed from the plan alone, if a move is not
 // continuous, or if planning is not deterministic.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_sixty_chosen_poses_promise_more_than_the_papers_grid() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_sixty_chosen_poses_promise_more_than_the_papers_grid() {
     let cell = Cell::iiwa7();
     let request = quick(60);
     let designed = design(&cell, &request).expect("a plan");
@@ -67,8 +67,8 @@ fn slow_an_asked_accuracy_says_how_many_poses_it_takes() {
 // Fails if more contacts are planned than allowed, if a sphere is left out, if a branch brings
 // nothing, or if less patience does not save time.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_contacts_and_robot_time_are_bounded_as_asked() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_contacts_and_robot_time_are_bounded_as_asked() {
     let cell = Cell::iiwa7();
     let plan_of = |contacts: usize, patience: f64| {
         let request = DesignRequest {

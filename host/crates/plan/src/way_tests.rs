@@ -45,8 +45,8 @@ fn planned_travel_is_clear() {
 // another sphere, or from which no clear motion leads home or to the next visit. The arms of Universal
 // Robots reach the default plate with the elbow below it, too. Each arm has the paper's tool, and none.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_every_built_in_arm_stands_clear() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_every_built_in_arm_stands_clear() {
     let tools = [iiwa7_tool(), Tool::default()];
     let arms = spherecal_shared::robot::BUILT_IN.iter();
     for (name, tool) in arms.flat_map(|name| tools.map(|tool| (name, tool))) {

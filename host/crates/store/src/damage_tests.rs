@@ -79,8 +79,8 @@ fn an_older_schema_is_brought_forward() {
 // Fails if a flipped bit anywhere in the file silently changes a recording, the plate or the
 // configuration, or if a refused file is written to.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_no_flipped_bit_changes_a_recording_in_silence() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_no_flipped_bit_changes_a_recording_in_silence() {
     let folder = tempfile::tempdir().expect("a folder");
     let (path, recordings) = database(folder.path());
     let whole = std::fs::read(&path).expect("read");

@@ -202,8 +202,8 @@ fn slow_every_flipped_bit_that_changes_a_row_is_seen() {
 
 // Fails if a bit flipped in SQLite's own text of the tables costs a row: the text is known.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_flip_in_the_list_of_tables_costs_nothing() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_flip_in_the_list_of_tables_costs_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let (path, recordings) = finished(folder.path());
     let whole = std::fs::read(&path).expect("read");

@@ -35,8 +35,8 @@ fn the_log_holds_nothing_that_was_acknowledged() {
 // itself has, or costs something that was acknowledged and is called whole. Only a reader, or a kill
 // between the commit and its way into the file, leaves such a log.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_flip_in_the_log_changes_nothing_that_is_read() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_flip_in_the_log_changes_nothing_that_is_read() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("calibration.db");
     let (mut store, run, session) = begun(&path);

@@ -123,8 +123,8 @@ fn stated(size: [f64; 3], [moved, waves]: [f64; 2], seed: u64) -> (Checked, f64)
 
 // Fails if the error of an arm that is wrong by 0.4 to 10 mm is not stated within 20 %, or the intervals miss it.
 #[test]
-#[ignore = "slow: 12 arms"]
-fn slow_the_error_is_stated_within_a_fifth() {
+#[ignore = "long: 12 arms"]
+fn long_the_error_is_stated_within_a_fifth() {
     let mut inside = 0;
     for (size, waves) in [
         ([20e-3, 1e-3, 3e-3], 2e-4),

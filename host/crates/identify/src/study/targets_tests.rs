@@ -65,8 +65,8 @@ fn request(folder: &std::path::Path, data: &str, validate: Option<&str>) -> Stud
 // target or the orientation has no error by that file, if the table for sharing gives another robot, or if that table
 // names the operator or tells where the instrument stood.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_targets_and_poses_go_from_file_to_file() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_targets_and_poses_go_from_file_to_file() {
     let folder = tempfile::tempdir().unwrap();
     for poses in [false, true] {
         let (data, check) = (table(1, 60, poses), table(2, 20, poses));

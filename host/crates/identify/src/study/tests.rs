@@ -81,8 +81,8 @@ fn a_missing_plate_is_refused() {
 // Fails if a sphere is held out where the others leave the plate free to turn: the
 // figure would be that of the plate.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_hold_out_by_sphere_is_refused_where_two_spheres_hold_the_plate() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_hold_out_by_sphere_is_refused_where_two_spheres_hold_the_plate() {
     let directory = tempfile::tempdir().unwrap();
     let plate = directory.path().join("plate.toml");
     std::fs::write(&plate, SOCKETS).unwrap();
@@ -212,8 +212,8 @@ fn tracker_table(rows: usize, wrong: &[usize]) -> String {
 // Fails if rows beyond those that the frames are aligned by are not looked at: each
 // gross error must be left out, wherever it stands.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_gross_errors_among_many_rows_are_all_left_out() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_gross_errors_among_many_rows_are_all_left_out() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("t.csv");
     let wrong = [0, 1, 7, 12_345, 20_001, 24_999];
@@ -283,8 +283,8 @@ fn a_hold_out_takes_a_column_of_few_values() {
 // Fails if couplings or regions of the joints cannot be held out, if a coupling that alone holds its
 // sphere is judged, or if rows get lost.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_couplings_and_regions_are_held_out_without_a_column() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_couplings_and_regions_are_held_out_without_a_column() {
     let directory = tempfile::tempdir().unwrap();
     let plate = directory.path().join("plate.toml");
     std::fs::write(&plate, SOCKETS).unwrap();
@@ -328,8 +328,8 @@ fn slow_couplings_and_regions_are_held_out_without_a_column() {
 // Fails if the table for sharing has a name, a label or another column of its source, if it tells where the instrument
 // stood, or if another robot follows from it.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_an_anonymous_table_gives_the_same_robot() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_an_anonymous_table_gives_the_same_robot() {
     let directory = tempfile::tempdir().unwrap();
     let plate = directory.path().join("plate.toml");
     std::fs::write(&plate, SOCKETS).unwrap();

@@ -122,8 +122,8 @@ fn table(direction: Option<f64>) -> String {
 // Fails if the result with torque columns of either sign, with the load stated or taken from them, differs by more than
 // 3 % from that with the load stated and no torques, or if sign and load are not reported.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_torques_of_either_sign_give_one_result() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_torques_of_either_sign_give_one_result() {
     let folder = tempfile::tempdir().unwrap();
     let found = |name: &str, direction: Option<f64>, payload_kg: Option<f64>| {
         let data = folder.path().join(name);

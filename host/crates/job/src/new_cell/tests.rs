@@ -98,8 +98,8 @@ fn the_certificate_waits_to_be_filled_in() {
 
 // Fails if a placement that the program proposes is out of reach of a large or a small arm.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_an_arm_gets_a_placement_within_its_reach() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_an_arm_gets_a_placement_within_its_reach() {
     for robot in &["ur10e", "irb120"] {
         let stated = NewCell {
             robot: (*robot).to_owned(),

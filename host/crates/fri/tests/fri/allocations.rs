@@ -1,8 +1,6 @@
 //! The exchange of a real-time loop allocates no memory.
 
-mod common;
-
-use common::{commanding, config, hold};
+use crate::common::{commanding, config, hold};
 use spherecal_fri::client::MonitoredState;
 use spherecal_fri::robot::START;
 

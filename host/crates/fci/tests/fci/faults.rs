@@ -1,11 +1,9 @@
 //! Faults of network, robot and client: each ends in a typed result, and no command leaves after a stop.
 
-mod common;
-
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use common::{config, deviation, failing_network, hold, robot, robot_with};
+use crate::common::{config, deviation, failing_network, hold, robot, robot_with};
 use spherecal_cyclic::testing::eventually;
 use spherecal_fci::client::{Client, ClientError, EndCause};
 use spherecal_fci::robot::{READY, RobotConfig, Tolerance};

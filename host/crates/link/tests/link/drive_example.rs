@@ -7,7 +7,7 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
 use spherecal_shared::protocol::host::{Command, Event, Phase};
 use spherecal_shared::robot::{Inertia, Robot, iiwa7, iiwa7_tool};
 
-#[path = "../examples/drive.rs"]
+#[path = "../../examples/drive.rs"]
 #[expect(dead_code, reason = "the example's own `main`")]
 mod drive;
 

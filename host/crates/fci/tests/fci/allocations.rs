@@ -1,8 +1,6 @@
 //! The 1 kHz exchange allocates no memory.
 
-mod common;
-
-use common::{config, hold, robot};
+use crate::common::{config, hold, robot};
 use spherecal_fci::client::{Client, ReadOnlyClient};
 use spherecal_fci::robot::READY;
 use spherecal_fci::wire::{RobotState, Version};

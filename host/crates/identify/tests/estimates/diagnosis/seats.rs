@@ -41,8 +41,8 @@ fn error_mm(trial: &Trial, calibration: &Calibration) -> f64 {
 // Fails if rows that sat 0.15 mm elsewhere, three times the noise of a pose, are not found, if their seat is not the true one within its statement,
 // if the result is refused for them, or if it is not better than with these rows as they are.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_rows_that_sat_elsewhere_get_a_seat_of_their_own() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_rows_that_sat_elsewhere_get_a_seat_of_their_own() {
     let seat = Vector3::new(1e-4, -0.8e-4, 0.8e-4);
     let (mut with, mut without) = (0.0, 0.0);
     for seed in [101, 102, 103] {
@@ -86,8 +86,8 @@ fn slow_rows_that_sat_elsewhere_get_a_seat_of_their_own() {
 // Fails if rows of sound data get a seat of their own, or those of a sphere that moved by 2 mm, farther than a nest
 // can sit, or if that move is not named.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_nothing_but_a_seat_gets_one() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_nothing_but_a_seat_gets_one() {
     for seed in [104, 105, 106] {
         let evaluation = evaluated(&sound(seed), true);
         assert!(evaluation.seats.is_empty(), "seed {seed}: {:?}", evaluation.seats);

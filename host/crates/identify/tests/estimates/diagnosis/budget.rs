@@ -7,7 +7,7 @@ use spherecal_identify::diagnosis::{ErrorBudget, Source, workspace};
 use spherecal_identify::{Experiment, Options, identify};
 use spherecal_model::fit_pose;
 
-use crate::{Trial, WHITE_RAD, diagnosed, measured, normal, sound};
+use super::{Trial, WHITE_RAD, diagnosed, measured, normal, sound};
 
 /// The budget of the full model, and the root mean square error of the draws, in mm.
 fn budget(trial: &Trial) -> (ErrorBudget, f64) {
@@ -30,8 +30,8 @@ fn term(budget: &ErrorBudget, source: Source) -> f64 {
 // certificate's uncertainty, the noise of the joints, what the model leaves out) does not show
 // in its own term, or shows in that of the plate.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_the_budget_adds_up_and_each_source_shows_in_its_own_term() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_the_budget_adds_up_and_each_source_shows_in_its_own_term() {
     let seed = 5;
     let plain = sound(seed);
     let mut vague = sound(seed);
@@ -79,8 +79,8 @@ fn slow_the_budget_adds_up_and_each_source_shows_in_its_own_term() {
 // to the calibration: certificates are drawn, the robot is identified with each, and the
 // displacement of its TCP over the workspace is compared.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_the_term_of_the_plate_is_what_drawn_certificates_do() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_the_term_of_the_plate_is_what_drawn_certificates_do() {
     let mut trial = sound(6);
     for sphere in &mut trial.experiment.spheres {
         sphere.sigma_m = 40e-6;

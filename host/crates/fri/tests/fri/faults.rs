@@ -1,11 +1,9 @@
 //! Faults of network, cabinet and client: each ends in a typed result, and no torque leaves after a stop.
 
-mod common;
-
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use common::{Network, cabinet, cabinet_with, commanding, config, deviation, hold, rise};
+use crate::common::{Network, cabinet, cabinet_with, commanding, config, deviation, hold, rise};
 use spherecal_cyclic::testing::eventually;
 use spherecal_fri::client::{Client, ClientError, EndCause, MonitoredState};
 use spherecal_fri::robot::{CabinetConfig, CabinetSide, START};

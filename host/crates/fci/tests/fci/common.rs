@@ -1,5 +1,4 @@
 //! What the tests of client against robot side share: a robot, a soft control law, and a network that can fail.
-#![allow(dead_code, reason = "each test binary uses a part")]
 
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};

@@ -1,10 +1,8 @@
 //! Our client against our robot side, on this machine. Nothing here asserts wall-clock time.
 
-mod common;
-
 use std::sync::atomic::Ordering;
 
-use common::{config, deviation, hold, robot};
+use crate::common::{config, deviation, hold, robot};
 use spherecal_cyclic::testing::eventually;
 use spherecal_fci::client::{Client, ClientError, EndCause, ReadOnlyClient, TorqueLimits};
 use spherecal_fci::robot::READY;

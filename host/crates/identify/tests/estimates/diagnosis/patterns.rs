@@ -75,8 +75,8 @@ fn moved(seed: u64, joint: Option<usize>, change: impl Fn(f64) -> f64) -> Trial 
 // Fails if angles that are read with a thousandth of the move to go are not named with their size within a quarter,
 // all joints or one, or if sound contacts with known moves name anything.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_angles_that_are_read_before_rest_are_named() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_angles_that_are_read_before_rest_are_named() {
     let clean = diagnosed(&moved(111, None, |_| 0.0));
     assert!(clean.findings.is_empty(), "{:?}", clean.findings);
     let all = diagnosed(&moved(112, None, |by| 1e-3 * by));
@@ -93,8 +93,8 @@ fn slow_angles_that_are_read_before_rest_are_named() {
 
 // Fails if a joint with a play of 0.3 mrad is not named, or its play is stated with another size.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_backlash_is_named() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_backlash_is_named() {
     let diagnosis = diagnosed(&moved(121, Some(2), |by| 1.5e-4 * by.signum()));
     let found = first(&diagnosis);
     assert_eq!(found.alternative, Alternative::Backlash { joint: 2 }, "{found:?}");
@@ -103,8 +103,8 @@ fn slow_backlash_is_named() {
 
 // Fails if a place that is 1 mm off or scatters by 1 mm is not named by its label, or if sound places are named.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_place_that_is_off_is_named() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_place_that_is_off_is_named() {
     let clean = by_place(tracked(131, |_, _| Vector3::zeros()));
     for name in ["place", "place_scatter"] {
         assert_eq!(failed(&clean, name), None);

@@ -113,7 +113,7 @@ fn the_monitoring_message_is_that_of_the_reference() {
 // Fails if our bytes differ from those of the cabinet that KUKA's own client accepted.
 #[test]
 fn the_monitoring_message_is_that_of_the_known_cabinet() {
-    let text: String = include_str!("../monitoring.hex").split_whitespace().collect();
+    let text: String = include_str!("../../monitoring.hex").split_whitespace().collect();
     let known: Vec<u8> = (0..text.len())
         .step_by(2)
         .map(|i| u8::from_str_radix(&text[i..i + 2], 16).expect("hex"))

@@ -1,10 +1,8 @@
 //! Our client against our cabinet, on this machine. Nothing here asserts wall-clock time.
 
-mod common;
-
 use std::sync::atomic::Ordering;
 
-use common::{cabinet, cabinet_with, commanding, config, deviation, hold, rise, until};
+use crate::common::{cabinet, cabinet_with, commanding, config, deviation, hold, rise, until};
 use spherecal_cyclic::testing::eventually;
 use spherecal_fri::client::{
     Client, ClientError, CommandingEnd, EndCause, MonitoredState, ReadOnlyClient, TorqueLimits, measured_sign,

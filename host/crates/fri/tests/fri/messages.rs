@@ -1,11 +1,9 @@
 //! The client against single messages of a cabinet that the test plays itself.
 
-mod common;
-
 use std::net::UdpSocket;
 use std::time::Duration;
 
-use common::config;
+use crate::common::config;
 use spherecal_cyclic::testing::LOCAL;
 use spherecal_fri::client::{Client, ClientError, EndCause, MonitoredState, ReadOnlyClient};
 use spherecal_fri::wire::*;

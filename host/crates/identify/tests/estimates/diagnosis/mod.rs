@@ -182,8 +182,8 @@ fn named(diagnosis: &Diagnosis, wanted: impl Fn(&Alternative) -> bool, words: &s
 // Fails if a sound experiment is blamed for anything, or if the expected error is
 // not that of the robots over the workspace.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_sound_data_name_nothing_and_the_expected_error_holds() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_sound_data_name_nothing_and_the_expected_error_holds() {
     let seeds = [1, 2, 3, 4];
     let mut inside = 0;
     for seed in seeds {
@@ -216,8 +216,8 @@ fn slow_sound_data_name_nothing_and_the_expected_error_holds() {
 // Fails if one coordinate of the certificate that is wrong by 0.2 mm is not named
 // with its size.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_wrong_coordinate_of_the_certificate_is_named() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_wrong_coordinate_of_the_certificate_is_named() {
     for (seed, sphere, axis) in [(11, 0, 0), (12, 2, 1), (13, 1, 0)] {
         let mut trial = sound(seed);
         trial.experiment.spheres[sphere].position_m[axis] += 2e-4;
@@ -251,8 +251,8 @@ fn a_wrong_scale_of_the_certificate_is_named() {
 
 // Fails if a slip of the plate by 0.3 mm half way is not named with size and instant.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_slip_of_the_plate_is_named() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_slip_of_the_plate_is_named() {
     let trial = measured(31, &|time, _, _, sphere, _| {
         if time > 0.5 {
             sphere.x += 3e-4;
@@ -270,8 +270,8 @@ fn slow_a_slip_of_the_plate_is_named() {
 
 // Fails if a sphere that moved by 0.5 mm between two couplings is not named.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_a_sphere_that_moved_is_named() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_a_sphere_that_moved_is_named() {
     let trial = measured(41, &|_, id, visit, sphere, _| {
         if id == 1 && visit >= 2 {
             sphere.y += 5e-4;
@@ -298,8 +298,8 @@ fn a_coupling_that_is_off_is_named() {
 // Fails if a jump of 1 mrad or a drift of 2 mrad of one encoder is not named with its
 // joint.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_an_encoder_that_jumps_or_drifts_is_named() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_an_encoder_that_jumps_or_drifts_is_named() {
     let jumped = measured(61, &|time, _, _, _, encoders| {
         if time > 0.5 {
             encoders[2] += 1e-3;
