@@ -61,8 +61,8 @@ pub struct RunArgs {
     /// Start the descents at the waypoints that `spherecal teach` wrote.
     #[arg(long, help_heading = "Plan", value_name = "FILE.toml")]
     pub waypoints: Option<PathBuf>,
-    /// Inject faults: a preset (`spherecal faults --list`) or a file (`spherecal faults --show
-    /// PRESET`).
+    /// Inject faults: a preset (`human_push`; a wrong name lists all) or a file (`spherecal-lab faults
+    /// --show PRESET` prints one).
     #[arg(long, help_heading = "Connection", value_name = "FILE.toml|PRESET")]
     pub inject: Option<String>,
     /// Continue the last run in --out at the pose where it stopped.

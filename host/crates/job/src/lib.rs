@@ -32,6 +32,7 @@ mod open;
 mod other_robot;
 mod prepare;
 mod run_report;
+pub mod stability;
 mod stored;
 pub mod study;
 mod summary;

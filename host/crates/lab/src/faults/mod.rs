@@ -1,4 +1,4 @@
-//! `spherecal faults`: injects every fault at random instants, and reports how each run ends.
+//! `spherecal-lab faults`: injects every fault at random instants, and reports how each run ends.
 //!
 //! Three experiments on a shortened procedure ([`Case`]), on all cores:
 //!
@@ -57,7 +57,7 @@ pub enum FaultsError {
         seed: u64,
     },
     /// No preset of that name.
-    #[error("\"{name}\" is not a fault: `spherecal faults --list` names all faults")]
+    #[error("\"{name}\" is not a fault: `spherecal-lab faults --list` names all faults")]
     Unknown {
         /// As given.
         name: String,

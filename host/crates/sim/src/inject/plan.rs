@@ -19,6 +19,7 @@ use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::host::Phase;
 
 use super::fault::InjectedFault;
+use super::presets::PRESETS;
 use crate::lossy::{Lossy, LossyError};
 
 /// When a fault begins.
@@ -97,8 +98,8 @@ pub struct FaultPlan {
 pub enum InjectError {
     /// Neither a preset nor a file.
     #[error(
-        "\"{name}\" is neither a preset nor a file that can be read ({source}): \
-         `spherecal faults --list` names the presets"
+        "\"{name}\" is neither a preset nor a file that can be read ({source}). The presets: {}",
+        PRESETS.iter().map(|preset| preset.name).collect::<Vec<_>>().join(", ")
     )]
     Unknown {
         /// As given.
@@ -107,7 +108,7 @@ pub enum InjectError {
         source: std::io::Error,
     },
     /// The file is not TOML, or contains an unknown name.
-    #[error("{path}: {message}\nremedy: `spherecal faults --show NAME` prints a preset as a file")]
+    #[error("{path}: {message}\nremedy: `spherecal-lab faults --show NAME` prints a preset as a file")]
     Syntax {
         /// File.
         path: String,
@@ -260,7 +261,6 @@ impl FaultPlan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::inject::PRESETS;
 
     // Fails if a preset changes when it is written and read, or is refused.
     #[test]

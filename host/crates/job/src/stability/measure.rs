@@ -5,9 +5,9 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use super::{Hold, SampleKeeper};
+use crate::connect::{controller, distant};
+use crate::{ConfigError, JobError, Link, PreparedRun};
 use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, NoJournal, Outcome, RunOptions};
-use spherecal_job::connect::{controller, distant};
-use spherecal_job::{ConfigError, JobError, Link, PreparedRun};
 use spherecal_link::{Device, LocalDevice};
 use spherecal_sim::simulated_arm;
 
