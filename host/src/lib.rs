@@ -24,6 +24,7 @@
 //! | [`model`] | robots, kinematics, measured data |
 
 pub mod cli;
+pub mod simulated;
 
 pub use spherecal_bag as bag;
 pub use spherecal_campaign as campaign;

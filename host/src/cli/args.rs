@@ -1,13 +1,15 @@
 //! Arguments that several commands share.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::out::errln;
 use clap::Args;
 use clap::builder::TypedValueParser;
 
 use super::progress::Planning;
-use spherecal_job::{self as job, Config, JobError, Link, PreparedRun, TaughtWaypoints};
+use crate::simulated::{self, SimulatedCell};
+use spherecal_job::{self as job, Config, JobError, Link, PreparedRun, Simulator, TaughtWaypoints};
 use spherecal_services::GuardFiles;
 use spherecal_store::{Peer, StoreLocation, UnknownScheme};
 
@@ -165,7 +167,7 @@ impl RunArgs {
         if let Some(arm) = &self.arm {
             config.arm.clone_from(arm);
         }
-        config.check()?;
+        simulated::check(&config)?;
         Ok(config)
     }
 
@@ -174,7 +176,7 @@ impl RunArgs {
     /// # Errors
     /// Any error in the input.
     pub fn prepare(&self) -> Result<PreparedRun, JobError> {
-        self.prepare_from(&self.configuration()?)
+        self.prepare_from(&self.configuration()?, SimulatedCell::sound())
     }
 
     /// The same of a configuration that was read before. A robot that says which one it is takes one client at a time:
@@ -182,9 +184,9 @@ impl RunArgs {
     ///
     /// # Errors
     /// Any error in the input.
-    pub fn prepare_from(&self, config: &Config) -> Result<PreparedRun, JobError> {
+    pub fn prepare_from(&self, config: &Config, simulator: Arc<dyn Simulator>) -> Result<PreparedRun, JobError> {
         let planning = Planning::show(self.json);
-        let mut prepared = job::prepare(config)?;
+        let mut prepared = job::prepare(config, simulator)?;
         drop(planning);
         if let Some(path) = &self.waypoints {
             let waypoints = TaughtWaypoints::read(path)?;

@@ -17,6 +17,7 @@ mod commission;
 mod dashboard;
 mod doctor;
 mod doctor_realtime;
+mod document;
 mod exit;
 mod export;
 mod features;

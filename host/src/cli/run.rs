@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::args::RunArgs;
@@ -15,6 +16,7 @@ use super::live_output::LiveOutput;
 use super::out::{err, errln, out, outln};
 use super::progress::ProgressView;
 use super::text;
+use crate::simulated::{self, SimulatedCell, SimulationError};
 use spherecal_campaign::telemetry::{ContactTrace, DrawnArm, TelemetryRecorder};
 use spherecal_campaign::{CampaignObserver, Moved, Progress};
 use spherecal_job::open_store;
@@ -24,7 +26,7 @@ use spherecal_link::{Arrival, Serial};
 use spherecal_model::robots;
 use spherecal_services::Server;
 use spherecal_services::live::End;
-use spherecal_sim::inject;
+use spherecal_sim::inject::FaultPlan;
 use spherecal_store::history::{self, FINGERPRINT, Fingerprint};
 use spherecal_store::{CalibrationStore, RunInfo, SqlStore, StoreLocation};
 
@@ -205,12 +207,16 @@ pub(super) fn measure(
     interrupt: &AtomicBool,
 ) -> Result<(Box<dyn CalibrationStore>, RunInfo, LiveOutput), CliError> {
     features::check_run(args)?;
-    let inject = args.inject.as_deref().map(inject::FaultPlan::load).transpose()?;
+    let inject = args.inject.as_deref().map(FaultPlan::load).transpose();
+    let inject = inject.map_err(SimulationError::from).map_err(JobError::from)?;
     check_first(args)?;
     let mut live = LiveOutput::open(args)?;
+    // Faults are injected into a drive that only they connect.
+    let connects_early = inject.is_none();
+    let simulator = Arc::new(SimulatedCell { inject });
     let mut device = None;
     let (mut store, prepared, resume) = if args.resume {
-        resumed(args)?
+        resumed(args, simulator)?
     } else {
         // What is there already is checked before the poses are planned; what is not yet there appears
         // with the plan.
@@ -229,11 +235,10 @@ pub(super) fn measure(
             job::check_tracker(peer)?;
         }
         let config = args.configuration()?;
-        // Faults are injected into a drive that only they connect.
-        if inject.is_none() {
+        if connects_early {
             device = job::connect_early(&config, &args.link)?;
         }
-        let prepared = args.prepare_from(&config)?;
+        let prepared = args.prepare_from(&config, simulator)?;
         let mut store = found.map_or_else(open, Ok)?;
         warn_of_first_run(&args.link, &prepared.config.arm, store.as_mut());
         (store, prepared, None)
@@ -262,7 +267,6 @@ pub(super) fn measure(
             store: store.as_mut(),
             observer: &mut view,
             interrupt,
-            inject: inject.as_ref(),
             device,
         };
         let measured = job::measure(&prepared, site, resume.as_ref());
@@ -329,7 +333,10 @@ fn keep_traces(store: &mut dyn CalibrationStore, mut traces: Vec<ContactTrace>) 
     Ok(())
 }
 
-fn resumed(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, PreparedRun, Option<RunInfo>), CliError> {
+fn resumed(
+    args: &RunArgs,
+    simulator: Arc<SimulatedCell>,
+) -> Result<(Box<dyn CalibrationStore>, PreparedRun, Option<RunInfo>), CliError> {
     let mut store = open_store(&args.database(), false)?;
     store.verify()?;
     let info = store.require_run_of(args.arm.as_deref().unwrap_or_default())?;
@@ -340,7 +347,7 @@ fn resumed(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, PreparedRun, Op
         }
         .into());
     }
-    let mut prepared = job::prepare(&job::read(store.as_mut(), &info)?.config)?;
+    let mut prepared = job::prepare(&job::read(store.as_mut(), &info)?.config, simulator)?;
     // Use the stored plan and waypoints, even if the planner would now choose others.
     prepared.plan = job::read(store.as_mut(), &info)?.plan;
     prepared.untaught = None;
@@ -354,7 +361,7 @@ pub(super) fn evaluate(
     info: &RunInfo,
 ) -> Result<FinishedRun, CliError> {
     let measurements: Measurements = job::read(store, info)?;
-    let evaluation = job::evaluate(&measurements)?;
+    let evaluation = simulated::evaluate(&measurements)?;
     let summary = job::summarise(&measurements, &evaluation, &info.created_utc)?;
     let traces = job::contact_traces(store, info.run)?;
     let written = job::write(out, &measurements, &evaluation, &summary, &traces, &info.created_utc)?;

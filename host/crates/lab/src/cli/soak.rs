@@ -7,6 +7,7 @@ use clap::Args;
 use crate::soak::{Soak, soak};
 use spherecal::cli::{CliError, Exit};
 use spherecal::cli::{ProgressView, interrupt};
+use spherecal::simulated::prepare;
 use spherecal::{out, outln};
 use spherecal_job::{self as job, Link, Site};
 use spherecal_store::SqlStore;
@@ -49,8 +50,7 @@ pub(super) fn run(args: &SoakArgs) -> Result<Exit, CliError> {
     };
     config.seed = args.seed.unwrap_or(config.seed);
     config.plan.poses = args.poses.unwrap_or(config.plan.poses);
-    config.check()?;
-    let prepared = job::prepare(&config)?;
+    let prepared = prepare(&config)?;
     let path = args.out.join("soak.db");
     let mut store = SqlStore::create_or_open(&path)?;
     let _claim = SqlStore::claim(&path)?;
@@ -61,7 +61,6 @@ pub(super) fn run(args: &SoakArgs) -> Result<Exit, CliError> {
         folder: &args.out,
         store: &mut store,
         observer: &mut view,
-        inject: None,
         interrupt: &interrupt,
         device: None,
     };

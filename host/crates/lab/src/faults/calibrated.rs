@@ -1,9 +1,10 @@
 //! What the recordings of a run with faults calibrate to: the error, and the job's verdict.
 
 use serde::{Deserialize, Serialize};
+use spherecal::simulated::evaluate;
 use spherecal_identify::EvaluateError;
 use spherecal_identify::validate::{Prediction, validate};
-use spherecal_job::{JobError, Link, LinkRecord, Measurements, PreparedRun, evaluate};
+use spherecal_job::{JobError, Link, LinkRecord, Measurements, PreparedRun};
 use spherecal_model::LaserShot;
 
 use super::FaultsError;

@@ -11,14 +11,20 @@ use super::FaultsError;
 use super::calibrated::CalibratedTrial;
 use super::judge::{JudgedArm, look};
 use super::run_journal::RunJournal;
+use spherecal::simulated::{SimulationError, plant, prepare};
 use spherecal_campaign::measure_laser;
 use spherecal_campaign::{self as campaign, Assignment, CampaignError, Outcome, Silent};
-use spherecal_job::{Choice, Config, JobError, PreparedRun, prepare, simulated_tracker};
+use spherecal_job::{Choice, Config, JobError, PreparedRun};
 use spherecal_link::JournalError;
 use spherecal_link::{Device, LinkError, controller_in_process};
 use spherecal_model::LaserShot;
 use spherecal_plan::Plan;
 use spherecal_sim::inject::{FaultPlan, FaultyCell, FaultyDrive, Happened, HostKilled};
+
+/// Why there is no such arm or cell, as the job says it.
+fn refused(error: impl Into<SimulationError>) -> JobError {
+    error.into().into()
+}
 
 /// One arm, its shortened tour, and the result of its undisturbed run.
 pub struct Case {
@@ -170,7 +176,7 @@ impl Case {
         case.ticks = (clean.robot_s * 1e3) as u64;
         if finish == Finish::Calibrate {
             let PreparedRun { robot, tool, .. } = &case.prepared;
-            let mut tracker = simulated_tracker(&case.prepared)?;
+            let mut tracker = case.prepared.simulator.tracker(&case.prepared)?;
             case.shots = measure_laser(robot, tool, seed, tracker.as_mut()).map_err(JobError::from)?;
             case.shots.retain(|s| s.purpose == LaserShot::VALIDATE);
             case.calibrated = Some(case.judge(&clean)?);
@@ -197,11 +203,12 @@ impl Case {
                 robot: self.plan.home.joints.len(),
             })
         })?;
-        let (drive, judgement) = JudgedArm::new(robot, tool, &self.prepared.plant, home).map_err(JobError::from)?;
+        let plant = plant(&self.prepared.config).map_err(JobError::from)?;
+        let (drive, judgement) = JudgedArm::new(robot, tool, &plant, home).map_err(refused)?;
         let drive = FaultyDrive::Simulated(Box::new(drive));
         let controller = controller_in_process(N).map_err(JobError::from)?;
         let restart = Box::new(|| controller_in_process(N));
-        let mut device = FaultyCell::new(controller, drive, N, plan, restart).map_err(JobError::from)?;
+        let mut device = FaultyCell::new(controller, drive, N, plan, restart).map_err(refused)?;
         let (happened, host_faults) = (device.happened(), device.host_faults());
         let mut records = RunJournal::new(&self.prepared, plan.faults.iter().any(|f| f.what.of_host()))?;
         let procedure = self.prepared.procedure()?;

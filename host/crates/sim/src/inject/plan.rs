@@ -20,7 +20,7 @@ use spherecal_shared::protocol::host::Phase;
 
 use super::fault::InjectedFault;
 use super::presets::PRESETS;
-use crate::lossy::{Lossy, LossyError};
+use spherecal_link::{Lossy, LossyError};
 
 /// When a fault begins.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

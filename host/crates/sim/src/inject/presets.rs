@@ -6,7 +6,7 @@ use spherecal_shared::protocol::host::{Fault, Phase};
 
 use super::fault::{InjectedFault, NotReadyStatus};
 use super::plan::{FaultPlan, InjectError, When};
-use crate::lossy::Lossy;
+use spherecal_link::Lossy;
 
 /// A plan with a name.
 #[derive(Clone, Copy, Debug)]
