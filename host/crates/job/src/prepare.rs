@@ -1,40 +1,17 @@
 //! From the configuration to what is to be visited.
 
-use std::borrow::Cow;
 use std::sync::Arc;
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
-use spherecal_shared::procedure::Procedure;
-use spherecal_shared::robot::{Robot, Tool};
+use spherecal_shared::robot::Tool;
 
+use super::prepared::{PreparedRun, Simulator};
 use super::waypoints::TaughtWaypoints;
-use super::{Choice, Config, JobError, Simulator};
-use spherecal_identify::Sphere;
+use super::{Choice, Config, JobError};
 use spherecal_model::chain::Chain;
 use spherecal_model::robots::{self, RobotModel};
 use spherecal_model::{NominalCell, Placement};
 use spherecal_plan::{self as plan, Plan, PlanError, PlatePose};
-
-/// All data that are known before the first motion.
-#[derive(Clone, Debug)]
-pub struct PreparedRun {
-    /// Configuration.
-    pub config: Config,
-    /// Robot as the host holds it.
-    pub model: RobotModel,
-    /// Nominal robot.
-    pub robot: Robot,
-    /// Nominal tool, in the frame of the robot's table.
-    pub tool: Tool,
-    /// The plate's certificate.
-    pub spheres: Vec<Sphere>,
-    /// The plan, with the waypoints as taught, or with the simulated error of teaching.
-    pub plan: Plan,
-    /// The plan without the simulated error of teaching, where `plan` has it.
-    pub untaught: Option<Plan>,
-    /// What is simulated in this process.
-    pub simulator: Arc<dyn Simulator>,
-}
 
 /// Checks the configuration, loads the robot, makes the plan, and adds the error of the taught
 /// waypoints.
@@ -118,39 +95,6 @@ fn with_a_place(source: PlanError, cell: &plan::Cell, config: &Config) -> JobErr
     }
 }
 
-impl PreparedRun {
-    /// The same for the arm that is there. The simulated error of teaching is for simulated arms alone: the waypoints of
-    /// any other arm, or of one of which nobody has said what it is, stay where they were planned.
-    pub(super) fn for_arm(&self, simulated: Option<bool>) -> Cow<'_, Self> {
-        match &self.untaught {
-            Some(plan) if simulated != Some(true) => Cow::Owned(Self {
-                plan: plan.clone(),
-                untaught: None,
-                ..self.clone()
-            }),
-            _ => Cow::Borrowed(self),
-        }
-    }
-
-    /// The procedure, with its limits narrowed to the space that the plan needs.
-    ///
-    /// # Errors
-    /// No plan can be made for the robot.
-    pub fn procedure(&self) -> Result<Procedure, JobError> {
-        let mut procedure = self.config.procedure;
-        let chain = Chain::new(&self.robot, &self.tool)?;
-        if let Some(bounds) = plan::Bounds::of(&self.plan, &chain) {
-            let section = &self.config.plan;
-            bounds.narrow(
-                &mut procedure.limits,
-                section.workspace_margin_m,
-                section.plate_margin_m,
-            );
-        }
-        Ok(procedure)
-    }
-}
-
 /// What is known without a plan.
 struct Known {
     model: RobotModel,
@@ -226,7 +170,7 @@ fn plate_poses(cell: &NominalCell) -> Vec<PlatePose> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{ConnectedDevice, Connection};
+    use crate::prepared::{ConnectedDevice, Connection};
     use spherecal_campaign::{Operator, Tracker};
     use spherecal_identify::Options;
     use spherecal_link::Drive;

@@ -12,7 +12,6 @@
 //! Only this test harness reads the plant's truth ([`judge`]), in order to judge. None of it
 //! reaches controller, campaign or identification.
 
-mod calibrated;
 pub mod campaign;
 mod case;
 pub mod judge;
@@ -26,9 +25,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use rayon::prelude::*;
 
-pub use calibrated::CalibratedTrial;
 pub use campaign::{CampaignOptions, CampaignTable};
-pub use case::{Case, FaultTrial, Finish, TrialEnd};
+pub use case::{CalibratedTrial, Case, FaultTrial, Finish, TrialEnd};
 pub use judge::{CONTACT_N, HELD_N, HELD_S, JudgeRecord, KINETIC_J, PEAK_N, SUSTAINED_N};
 pub use matrix::{FaultRow, MatrixOptions, MatrixTable};
 pub use worst::{WorstCase, WorstOptions, WorstRow, WorstTable};

@@ -19,7 +19,6 @@ use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::host::Phase;
 
 use super::fault::InjectedFault;
-use super::presets::PRESETS;
 use spherecal_link::{Lossy, LossyError};
 
 /// When a fault begins.
@@ -97,15 +96,14 @@ pub struct FaultPlan {
 #[derive(Debug, thiserror::Error)]
 pub enum InjectError {
     /// Neither a preset nor a file.
-    #[error(
-        "\"{name}\" is neither a preset nor a file that can be read ({source}). The presets: {}",
-        PRESETS.iter().map(|preset| preset.name).collect::<Vec<_>>().join(", ")
-    )]
+    #[error("\"{name}\" is neither a preset nor a file that can be read ({source}). The presets: {presets}")]
     Unknown {
         /// As given.
         name: String,
         /// What the system said.
         source: std::io::Error,
+        /// Names of the presets.
+        presets: String,
     },
     /// The file is not TOML, or contains an unknown name.
     #[error("{path}: {message}\nremedy: `spherecal-lab faults --show NAME` prints a preset as a file")]
@@ -261,6 +259,7 @@ impl FaultPlan {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::inject::PRESETS;
 
     // Fails if a preset changes when it is written and read, or is refused.
     #[test]

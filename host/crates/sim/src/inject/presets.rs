@@ -336,6 +336,7 @@ impl FaultPlan {
         let text = std::fs::read_to_string(Path::new(name)).map_err(|source| InjectError::Unknown {
             name: name.to_owned(),
             source,
+            presets: PRESETS.iter().map(|preset| preset.name).collect::<Vec<_>>().join(", "),
         })?;
         Self::parse(name, &text)
     }

@@ -1,13 +1,76 @@
-//! What a program simulates in its own process. The job knows this trait and no simulation: the program chooses one.
+//! What a run is made of: the prepared data, and what the program simulates in its own process. The job knows the trait
+//! [`Simulator`] and no simulation: the program chooses one.
 
+use std::borrow::Cow;
 use std::fmt::Debug;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use spherecal_shared::procedure::Procedure;
+use spherecal_shared::robot::{Robot, Tool};
 
 use spherecal_campaign::{Operator, Tracker};
-use spherecal_identify::Options;
+use spherecal_identify::{Options, Sphere};
 use spherecal_link::{Device, Drive, Injected, Journal};
+use spherecal_model::chain::Chain;
+use spherecal_model::robots::RobotModel;
+use spherecal_plan::{self as plan, Plan};
 
-use super::{Config, JobError, Link, PreparedRun};
+use super::{Config, JobError, Link};
+
+/// All data that are known before the first motion.
+#[derive(Clone, Debug)]
+pub struct PreparedRun {
+    /// Configuration.
+    pub config: Config,
+    /// Robot as the host holds it.
+    pub model: RobotModel,
+    /// Nominal robot.
+    pub robot: Robot,
+    /// Nominal tool, in the frame of the robot's table.
+    pub tool: Tool,
+    /// The plate's certificate.
+    pub spheres: Vec<Sphere>,
+    /// The plan, with the waypoints as taught, or with the simulated error of teaching.
+    pub plan: Plan,
+    /// The plan without the simulated error of teaching, where `plan` has it.
+    pub untaught: Option<Plan>,
+    /// What is simulated in this process.
+    pub simulator: Arc<dyn Simulator>,
+}
+
+impl PreparedRun {
+    /// The same for the arm that is there. The simulated error of teaching is for simulated arms alone: the waypoints of
+    /// any other arm, or of one of which nobody has said what it is, stay where they were planned.
+    pub(super) fn for_arm(&self, simulated: Option<bool>) -> Cow<'_, Self> {
+        match &self.untaught {
+            Some(plan) if simulated != Some(true) => Cow::Owned(Self {
+                plan: plan.clone(),
+                untaught: None,
+                ..self.clone()
+            }),
+            _ => Cow::Borrowed(self),
+        }
+    }
+
+    /// The procedure, with its limits narrowed to the space that the plan needs.
+    ///
+    /// # Errors
+    /// No plan can be made for the robot.
+    pub fn procedure(&self) -> Result<Procedure, JobError> {
+        let mut procedure = self.config.procedure;
+        let chain = Chain::new(&self.robot, &self.tool)?;
+        if let Some(bounds) = plan::Bounds::of(&self.plan, &chain) {
+            let section = &self.config.plan;
+            bounds.narrow(
+                &mut procedure.limits,
+                section.workspace_margin_m,
+                section.plate_margin_m,
+            );
+        }
+        Ok(procedure)
+    }
+}
 
 /// The arm, the laser tracker and the faults that a program simulates in its own process.
 pub trait Simulator: Debug + Send + Sync {
