@@ -70,9 +70,6 @@ pub struct RunArgs {
     /// Continue the last run in --out at the pose where it stopped.
     #[arg(long, help_heading = "Results", conflicts_with_all = ["poses", "accuracy_mm", "paper", "config", "robot", "seed", "preset", "waypoints"])]
     pub resume: bool,
-    /// Show the run on the whole terminal: phase, force, joints, residual so far.
-    #[arg(long, help_heading = "Viewers")]
-    pub dashboard: bool,
     /// Show the run on a web page while it lasts. A port alone serves this machine only; port 0
     /// takes any free port.
     #[arg(long, help_heading = "Viewers", value_name = "[HOST:]PORT")]

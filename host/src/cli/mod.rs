@@ -13,8 +13,6 @@ mod check;
 mod collect;
 mod command;
 mod commission;
-#[cfg(feature = "dashboard")]
-mod dashboard;
 mod doctor;
 mod doctor_realtime;
 mod document;

@@ -129,7 +129,7 @@ impl Default for ProgressView {
 }
 
 /// Time to go, from the poses done in this session.
-pub(super) fn remaining(p: &Progress, wall_s: f64) -> String {
+fn remaining(p: &Progress, wall_s: f64) -> String {
     let Some(left) = eta_s(p, wall_s) else {
         return "ETA -:--".to_owned();
     };
@@ -137,7 +137,7 @@ pub(super) fn remaining(p: &Progress, wall_s: f64) -> String {
     format!("ETA {}:{:02}", seconds / 60, seconds % 60)
 }
 
-pub(super) fn stage_name(stage: CampaignStage) -> &'static str {
+fn stage_name(stage: CampaignStage) -> &'static str {
     match stage {
         CampaignStage::Connect => "connect",
         CampaignStage::Home => "home",
@@ -152,7 +152,7 @@ pub(super) fn stage_name(stage: CampaignStage) -> &'static str {
     }
 }
 
-pub(super) fn phase_name(phase: Phase) -> &'static str {
+fn phase_name(phase: Phase) -> &'static str {
     match phase {
         Phase::Idle => "idle",
         Phase::Moving => "moving",

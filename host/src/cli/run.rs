@@ -1,14 +1,11 @@
 //! `spherecal run`: the whole job.
 
 use std::collections::BTreeMap;
-use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::args::RunArgs;
-#[cfg(feature = "dashboard")]
-use super::dashboard::Dashboard;
 use super::exit::{CliError, Exit};
 use super::features;
 use super::interrupt::interrupt;
@@ -36,78 +33,30 @@ pub(super) struct FinishedRun {
     pub(super) files: Vec<PathBuf>,
 }
 
-/// How progress is shown on the terminal.
-enum Face {
-    /// A bar or lines.
-    Plain(ProgressView),
-    /// The whole terminal.
-    #[cfg(feature = "dashboard")]
-    Whole(Box<Dashboard>),
-}
-
-impl Face {
-    fn new(args: &RunArgs, prepared: &PreparedRun) -> Result<Self, CliError> {
-        if args.dashboard {
-            Self::whole(prepared)
-        } else {
-            Ok(Self::Plain(ProgressView::new()))
-        }
-    }
-
-    #[cfg(feature = "dashboard")]
-    fn whole(prepared: &PreparedRun) -> Result<Self, CliError> {
-        let trigger_n = prepared.config.procedure.approach.trigger_n;
-        Dashboard::start(&prepared.robot, &prepared.tool, trigger_n)
-            .map(|dashboard| Self::Whole(Box::new(dashboard)))
-            .ok_or_else(no_terminal)
-    }
-
-    #[cfg(not(feature = "dashboard"))]
-    fn whole(_prepared: &PreparedRun) -> Result<Self, CliError> {
-        Err(CliError::feature("--dashboard", "dashboard"))
-    }
-
-    fn finish(&mut self) {
-        match self {
-            Self::Plain(view) => view.finish(),
-            #[cfg(feature = "dashboard")]
-            Self::Whole(dashboard) => dashboard.finish(),
-        }
-    }
-
-    fn inner(&mut self) -> &mut dyn CampaignObserver {
-        match self {
-            Self::Plain(view) => view,
-            #[cfg(feature = "dashboard")]
-            Self::Whole(dashboard) => dashboard.as_mut(),
-        }
-    }
-}
-
 /// All views of a run: the terminal, and viewers outside.
 struct View {
-    face: Face,
+    terminal: ProgressView,
     live: LiveOutput,
 }
 
 impl CampaignObserver for View {
     fn event(&mut self, now_us: u64, arrival: &Arrival) {
-        self.face.inner().event(now_us, arrival);
+        self.terminal.event(now_us, arrival);
         self.live.event(now_us, arrival);
     }
 
     fn progress(&mut self, progress: &Progress) {
-        self.face.inner().progress(progress);
+        self.terminal.progress(progress);
         self.live.progress(progress);
     }
 
     fn note(&mut self, text: &str) {
-        self.face.inner().note(text);
+        self.terminal.note(text);
         self.live.note(text);
     }
 
     fn plate(&mut self, place: u32) -> Moved {
-        self.face.inner().plate(place)
+        self.terminal.plate(place)
     }
 }
 
@@ -178,9 +127,6 @@ fn check_first(args: &RunArgs) -> Result<(), CliError> {
     if let Some(path) = &args.waypoints {
         TaughtWaypoints::read(path)?;
     }
-    if args.dashboard && !std::io::stderr().is_terminal() {
-        return Err(no_terminal());
-    }
     if let Some(address) = &args.serve {
         Server::check(address, &args.protection.files())?;
     }
@@ -194,11 +140,6 @@ fn check_first(args: &RunArgs) -> Result<(), CliError> {
         )));
     }
     Ok(())
-}
-
-/// `--dashboard` without a terminal.
-fn no_terminal() -> CliError {
-    CliError::input("--dashboard: stderr is not a terminal: leave the option out, or do not redirect stderr")
 }
 
 /// Plans and measures, or continues the last run. The outside views stay open.
@@ -256,9 +197,11 @@ pub(super) fn measure(
             ("robot".to_owned(), prepared.robot.name.to_string()),
             ("link".to_owned(), args.link.to_string()),
         ]);
-        let face = Face::new(args, &prepared)?;
         live.begin(args, &prepared)?;
-        let view = View { face, live };
+        let view = View {
+            terminal: ProgressView::new(),
+            live,
+        };
         let mut view = TelemetryRecorder::new(view, &args.out, DrawnArm::new(&prepared.model, &prepared.tool), &about);
         let site = Site {
             link: &args.link,
@@ -272,10 +215,10 @@ pub(super) fn measure(
         let measured = job::measure(&prepared, site, resume.as_ref());
         let (view, _, traces) = view.finish();
         let View {
-            mut face,
+            terminal,
             live: mut seen,
         } = view;
-        face.finish();
+        terminal.finish();
         if let Err(error) = measured {
             seen.end(&End {
                 run: None,

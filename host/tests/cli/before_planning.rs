@@ -203,11 +203,6 @@ const MISTAKES: &[Mistake] = &[
         &["none.pem"],
     ),
     (
-        "a dashboard without a terminal",
-        &["run", "--dashboard"],
-        &["--dashboard", "terminal"],
-    ),
-    (
         "nothing to continue",
         &["run", "--resume"],
         &["there is no database", "spherecal run"],

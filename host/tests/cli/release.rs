@@ -89,7 +89,6 @@ fn the_bill_of_materials_is_that_of_the_program() {
         "sqlx",
         "tonic",
         "parquet",
-        "ratatui",
         "libsqlite3-sys",
     ] {
         assert!(shipped.contains(name), "{name}");
