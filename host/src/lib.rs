@@ -11,7 +11,6 @@
 //!
 //! | crate | what it is for |
 //! |---|---|
-//! | [`lab`] | experiments: worlds, the paper's study, faults, soak, stability |
 //! | [`job`] | the main job: configuration, prepare, measure, evaluate, write |
 //! | [`services`] | web page, live view, gRPC |
 //! | [`report`] | the page, its charts, exports |
@@ -25,12 +24,12 @@
 //! | [`model`] | robots, kinematics, measured data |
 
 pub mod cli;
+pub mod simulated;
 
 pub use spherecal_bag as bag;
 pub use spherecal_campaign as campaign;
 pub use spherecal_identify as identify;
 pub use spherecal_job as job;
-pub use spherecal_lab as lab;
 pub use spherecal_link as link;
 pub use spherecal_model as model;
 pub use spherecal_plan as plan;

@@ -5,8 +5,9 @@ use std::io::Write as _;
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use spherecal::job::{Config, JobError, open_store, prepare, run_telemetry};
+use spherecal::job::{Config, JobError, open_store, run_telemetry};
 use spherecal::report::export::{ExportError, Format};
+use spherecal::simulated::prepare;
 use spherecal::store::{StoreLocation, UnknownScheme};
 
 use crate::error::{Failure, guarded};
@@ -56,7 +57,6 @@ pub(crate) fn plan(
         if let Some(seed) = seed {
             config.seed = seed;
         }
-        config.check().map_err(JobError::from)?;
         let prepared = prepare(&config)?;
         serde_json::to_string(&prepared.plan).map_err(Failure::failed)
     })

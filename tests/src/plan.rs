@@ -211,7 +211,6 @@ pub fn measured(prepared: &PreparedRun) -> Measurements {
         folder: folder.path(),
         store: &mut store,
         observer: &mut Silent,
-        inject: None,
         interrupt: &AtomicBool::new(false),
         device: None,
     };

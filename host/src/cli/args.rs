@@ -1,13 +1,15 @@
 //! Arguments that several commands share.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::out::errln;
 use clap::Args;
 use clap::builder::TypedValueParser;
 
 use super::progress::Planning;
-use spherecal_job::{self as job, Config, JobError, Link, PreparedRun, TaughtWaypoints};
+use crate::simulated::{self, SimulatedCell};
+use spherecal_job::{self as job, Config, JobError, Link, PreparedRun, Simulator, TaughtWaypoints};
 use spherecal_services::GuardFiles;
 use spherecal_store::{Peer, StoreLocation, UnknownScheme};
 
@@ -61,16 +63,13 @@ pub struct RunArgs {
     /// Start the descents at the waypoints that `spherecal teach` wrote.
     #[arg(long, help_heading = "Plan", value_name = "FILE.toml")]
     pub waypoints: Option<PathBuf>,
-    /// Inject faults: a preset (`spherecal faults --list`) or a file (`spherecal faults --show
-    /// PRESET`).
+    /// Inject faults: a preset (`human_push`; a wrong name lists all) or a file (`spherecal-lab faults
+    /// --show PRESET` prints one).
     #[arg(long, help_heading = "Connection", value_name = "FILE.toml|PRESET")]
     pub inject: Option<String>,
     /// Continue the last run in --out at the pose where it stopped.
     #[arg(long, help_heading = "Results", conflicts_with_all = ["poses", "accuracy_mm", "paper", "config", "robot", "seed", "preset", "waypoints"])]
     pub resume: bool,
-    /// Show the run on the whole terminal: phase, force, joints, residual so far.
-    #[arg(long, help_heading = "Viewers")]
-    pub dashboard: bool,
     /// Show the run on a web page while it lasts. A port alone serves this machine only; port 0
     /// takes any free port.
     #[arg(long, help_heading = "Viewers", value_name = "[HOST:]PORT")]
@@ -165,7 +164,7 @@ impl RunArgs {
         if let Some(arm) = &self.arm {
             config.arm.clone_from(arm);
         }
-        config.check()?;
+        simulated::check(&config)?;
         Ok(config)
     }
 
@@ -174,7 +173,7 @@ impl RunArgs {
     /// # Errors
     /// Any error in the input.
     pub fn prepare(&self) -> Result<PreparedRun, JobError> {
-        self.prepare_from(&self.configuration()?)
+        self.prepare_from(&self.configuration()?, SimulatedCell::sound())
     }
 
     /// The same of a configuration that was read before. A robot that says which one it is takes one client at a time:
@@ -182,9 +181,9 @@ impl RunArgs {
     ///
     /// # Errors
     /// Any error in the input.
-    pub fn prepare_from(&self, config: &Config) -> Result<PreparedRun, JobError> {
+    pub fn prepare_from(&self, config: &Config, simulator: Arc<dyn Simulator>) -> Result<PreparedRun, JobError> {
         let planning = Planning::show(self.json);
-        let mut prepared = job::prepare(config)?;
+        let mut prepared = job::prepare(config, simulator)?;
         drop(planning);
         if let Some(path) = &self.waypoints {
             let waypoints = TaughtWaypoints::read(path)?;

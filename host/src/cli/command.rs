@@ -8,7 +8,6 @@ use super::collect::CollectArgs;
 use super::commission::CommissionArgs;
 use super::doctor::DoctorArgs;
 use super::export::ExportArgs;
-use super::faults::FaultsArgs;
 use super::history::{HistoryArgs, TrendArgs};
 use super::identify::IdentifyArgs;
 use super::init_given::InitArgs;
@@ -17,11 +16,9 @@ use super::robot_sides::PlantArgs;
 use super::serve::ServeArgs;
 use super::servers::ControllerArgs;
 use super::shell::{CompletionsArgs, ManArgs};
-use super::soak::SoakArgs;
 use super::stability::StabilityArgs;
 use super::stages::ConfigArgs;
 use super::store::StoreArgs;
-use super::studies::{ReproduceArgs, WorldsArgs};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -128,29 +125,6 @@ pub enum CliCommand {
     /// Check whether an arm drifts, and when its next calibration is due.
     #[command(after_help = "Example: spherecal trend --arm A-17 --limit-mm 0.3")]
     Trend(TrendArgs),
-    /// Repeat the paper's study on the last run of --out, or on a synthetic robot: tables and
-    /// figures beside the published numbers.
-    #[command(
-        after_help = "Examples: spherecal reproduce --world W1 --seed 3 --out study\n          \
-                            spherecal reproduce --world W1 --robots 1000 --shard 3/50 --out study\n          \
-                            spherecal reproduce --merge --out study"
-    )]
-    Reproduce(ReproduceArgs),
-    /// Compare the estimators, or the plans, on the synthetic worlds W0 to W5.
-    #[command(
-        after_help = "Examples: spherecal worlds --world W0 --world W3 --seeds 4\n          spherecal worlds --plan\n          \
-                      spherecal worlds --seeds 1000000 --shard 17/1000 --out study\n          \
-                      spherecal worlds --merge --rows parquet --out study"
-    )]
-    Worlds(WorldsArgs),
-    /// Inject every fault at random instants, and check how each run ends.
-    #[command(after_help = "Examples: spherecal faults --list\n          \
-                            spherecal faults --show human_push > push.toml && spherecal run --inject push.toml\n          \
-                            spherecal faults --instants 20 --seeds 3\n          \
-                            spherecal faults --campaign 1000\n          \
-                            spherecal faults --campaign 100000 --shard 17/100 --out study\n          \
-                            spherecal faults --campaign 100000 --merge --out study")]
-    Faults(FaultsArgs),
     /// Print or check the configuration: every field with its meaning and value.
     #[command(after_help = "Example: spherecal config --print > cell.toml && spherecal run --config cell.toml")]
     Config(ConfigArgs),
@@ -171,7 +145,4 @@ pub enum CliCommand {
                             spherecal store recover spherecal-out/calibration.db saved/calibration.db"
     )]
     Store(StoreArgs),
-    /// Run the same simulated cell for hours of robot time, and report growth and drift.
-    #[command(after_help = "Example: spherecal soak --hours 24 --out soak")]
-    Soak(SoakArgs),
 }

@@ -14,9 +14,6 @@ use super::exit::CliError;
 /// # Errors
 /// The first option that needs a feature which is not there.
 pub(super) fn check_run(args: &RunArgs) -> Result<(), CliError> {
-    if args.dashboard && cfg!(not(feature = "dashboard")) {
-        return Err(CliError::feature("--dashboard", "dashboard"));
-    }
     check_link(&args.link)?;
     check_store(args.store.as_ref())?;
     check_protection(&args.protection)?;

@@ -6,7 +6,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::exit::CliError;
 
 /// Ctrl-C asks to stop; a second one does not wait.
-pub(super) fn interrupt() -> Result<Arc<AtomicBool>, CliError> {
+///
+/// # Errors
+/// The system does not let the program catch Ctrl-C.
+pub fn interrupt() -> Result<Arc<AtomicBool>, CliError> {
     let flag = Arc::new(AtomicBool::new(false));
     let seen = Arc::clone(&flag);
     let handler = move || {

@@ -13,13 +13,11 @@ mod check;
 mod collect;
 mod command;
 mod commission;
-#[cfg(feature = "dashboard")]
-mod dashboard;
 mod doctor;
 mod doctor_realtime;
+mod document;
 mod exit;
 mod export;
-mod faults;
 mod features;
 mod history;
 mod identify;
@@ -29,7 +27,7 @@ mod init_questions;
 mod interrupt;
 mod listening;
 mod live_output;
-mod out;
+pub mod out;
 mod plan;
 mod progress;
 mod reports;
@@ -38,13 +36,10 @@ mod robot_sides;
 mod run;
 mod serve;
 mod servers;
-mod sharding;
 mod shell;
-mod soak;
 mod stability;
 mod stages;
 mod store;
-mod studies;
 mod study_progress;
 mod teach;
 mod terminal_operator;
@@ -53,7 +48,8 @@ mod text;
 use std::io::IsTerminal as _;
 use std::process::ExitCode;
 
-use clap::{CommandFactory as _, FromArgMatches as _};
+use clap::CommandFactory as _;
+use clap::error::ContextKind;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
@@ -61,46 +57,80 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 pub use args::RunArgs;
 pub use command::{Cli, CliCommand};
 pub use exit::{CliError, Exit};
+pub use interrupt::interrupt;
 use out::errln;
+pub use progress::ProgressView;
+
+/// The studies that `spherecal-lab` runs, each by its command. Earlier versions of `spherecal` ran them.
+const STUDIES: [&str; 4] = ["reproduce", "worlds", "faults", "soak"];
 
 /// Runs the program with the process's arguments.
 pub fn main() -> ExitCode {
-    match parse(std::env::args_os()) {
-        Ok(cli) => execute(cli).into(),
-        Err(error) => error.exit(),
+    main_with(std::env::args_os()).into()
+}
+
+/// Runs the program with `arguments`, the first of which is the program's name: for a host
+/// process that is not `spherecal`, such as a Python interpreter. Wrong usage is printed too.
+pub fn main_with(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Exit {
+    match parse::<Cli>(arguments) {
+        Ok(cli) => finish("spherecal", cli.verbose, || execute(cli)),
+        Err(error) => {
+            let asked = error.get(ContextKind::InvalidSubcommand).map(ToString::to_string);
+            match asked.filter(|name| STUDIES.contains(&name.as_str())) {
+                Some(name) => {
+                    errln!("spherecal: `{name}` is a study: run `spherecal-lab {name}` (see docs/lab.md)");
+                    Exit::Usage
+                }
+                None => print_usage(&error),
+            }
+        }
     }
 }
 
 /// The arguments, read. A negative number is a value, so that its refusal names its option.
-fn parse(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Result<Cli, clap::Error> {
+///
+/// # Errors
+/// Wrong usage, or a request for the help or the version.
+pub fn parse<C: clap::Parser>(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Result<C, clap::Error> {
     let numbers = |command: clap::Command| {
         command.mut_args(|arg| {
             let takes_value = arg.get_action().takes_values();
             arg.allow_negative_numbers(takes_value)
         })
     };
-    let command = numbers(Cli::command()).mut_subcommands(numbers);
-    Cli::from_arg_matches(&command.try_get_matches_from(arguments)?)
+    let command = numbers(C::command()).mut_subcommands(numbers);
+    C::from_arg_matches(&command.try_get_matches_from(arguments)?)
 }
 
-/// Runs the program with `arguments`, the first of which is the program's name: for a host
-/// process that is not `spherecal`, such as a Python interpreter. Wrong usage is printed too.
-pub fn main_with(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Exit {
-    match parse(arguments) {
-        Ok(cli) => execute(cli),
+/// Prints wrong usage, the help or the version.
+pub fn print_usage(error: &clap::Error) -> Exit {
+    // Help and version go to stdout and are no failure.
+    let failed = error.use_stderr();
+    let _ = error.print();
+    if failed { Exit::Usage } else { Exit::Done }
+}
+
+/// Runs a command of the program `name`, and prints why it failed. Logs go to stderr; `verbose` counts `-v`.
+pub fn finish(name: &str, verbose: u8, command: impl FnOnce() -> Result<Exit, CliError>) -> Exit {
+    log_to_stderr(verbose);
+    match command() {
+        Ok(exit) => match out::failure() {
+            Some(failure) => {
+                errln!("{name}: stdout: {failure}");
+                Exit::Failed
+            }
+            None => exit,
+        },
         Err(error) => {
-            // Help and version go to stdout and are no failure.
-            let failed = error.use_stderr();
-            let _ = error.print();
-            if failed { Exit::Usage } else { Exit::Done }
+            errln!("{name}: {error}");
+            error.exit()
         }
     }
 }
 
 /// Runs what was asked for.
-fn execute(cli: Cli) -> Exit {
-    log_to_stderr(cli.verbose);
-    let result = match cli.command {
+fn execute(cli: Cli) -> Result<Exit, CliError> {
+    match cli.command {
         None => run::run(&cli.run),
         Some(CliCommand::Run(args)) => run::run(&args),
         Some(CliCommand::Init(args)) => init::run(&args),
@@ -121,35 +151,12 @@ fn execute(cli: Cli) -> Exit {
         Some(CliCommand::Serve(args)) => serve::run(&args),
         Some(CliCommand::History(args)) => history::history(&args),
         Some(CliCommand::Trend(args)) => history::trend(&args),
-        Some(CliCommand::Reproduce(args)) => studies::reproduce(&args),
-        Some(CliCommand::Worlds(args)) => studies::worlds(&args),
-        Some(CliCommand::Faults(args)) => faults::run(&args),
         Some(CliCommand::Config(args)) => stages::config(&args),
         Some(CliCommand::Doctor(args)) => doctor::run(&args),
         Some(CliCommand::Completions(args)) => shell::completions(&args, Cli::command()),
         Some(CliCommand::Man(args)) => shell::man(&args, Cli::command()),
         Some(CliCommand::Store(args)) => store::run(&args),
-        Some(CliCommand::Soak(args)) => soak::run(&args),
-    };
-    match result {
-        Ok(_) if out::failure().is_some() => {
-            errln!(
-                "{}: stdout: {}",
-                console_name(),
-                out::failure().map_or_else(String::new, ToString::to_string)
-            );
-            Exit::Failed
-        }
-        Ok(exit) => exit,
-        Err(error) => {
-            errln!("{}: {error}", console_name());
-            error.exit()
-        }
     }
-}
-
-fn console_name() -> &'static str {
-    "spherecal"
 }
 
 /// Whether stderr is coloured: on a terminal, unless `NO_COLOR` is set or the terminal is dumb.

@@ -17,7 +17,7 @@ use spherecal_model::printable_lines;
 static CLOSED: OnceLock<Error> = OnceLock::new();
 
 /// Writes to stdout, until it takes nothing more.
-pub(super) fn write(words: Arguments<'_>) {
+pub fn write(words: Arguments<'_>) {
     if CLOSED.get().is_some() {
         return;
     }
@@ -31,7 +31,7 @@ pub(super) fn write(words: Arguments<'_>) {
 }
 
 /// Writes to stderr, if anybody listens.
-pub(super) fn write_error(words: Arguments<'_>) {
+pub fn write_error(words: Arguments<'_>) {
     let text = words.to_string();
     let _ = std::io::stderr().lock().write_all(printable_lines(&text).as_bytes());
 }
@@ -42,17 +42,20 @@ pub(super) fn failure() -> Option<&'static Error> {
 }
 
 /// `println!` that a reader may leave.
+#[macro_export]
 macro_rules! outln {
     () => { $crate::cli::out::write(format_args!("\n")) };
     ($($words:tt)*) => { $crate::cli::out::write(format_args!("{}\n", format_args!($($words)*))) };
 }
 
 /// `print!` that a reader may leave.
+#[macro_export]
 macro_rules! out {
     ($($words:tt)*) => { $crate::cli::out::write(format_args!($($words)*)) };
 }
 
 /// `eprintln!` that a reader may leave.
+#[macro_export]
 macro_rules! errln {
     ($($words:tt)*) => { $crate::cli::out::write_error(format_args!("{}\n", format_args!($($words)*))) };
 }

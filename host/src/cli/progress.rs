@@ -45,7 +45,7 @@ impl Drop for Planning {
 }
 
 /// Shows a campaign's progress.
-pub(super) struct ProgressView {
+pub struct ProgressView {
     bar: ProgressBar,
     terminal: bool,
     begun: Instant,
@@ -62,12 +62,12 @@ pub(super) struct ProgressView {
 
 impl ProgressView {
     /// A view of a campaign that counts its poses. It has shown nothing yet.
-    pub(super) fn new() -> Self {
+    pub fn new() -> Self {
         Self::of("pose")
     }
 
     /// A view of work that counts something else than poses: `unit`, in the singular.
-    pub(super) fn of(unit: &'static str) -> Self {
+    pub fn of(unit: &'static str) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let target = if terminal {
             ProgressDrawTarget::stderr_with_hz(10)
@@ -96,7 +96,7 @@ impl ProgressView {
     }
 
     /// Takes the bar away.
-    pub(super) fn finish(&self) {
+    pub fn finish(&self) {
         self.bar.finish_and_clear();
     }
 
@@ -129,7 +129,7 @@ impl Default for ProgressView {
 }
 
 /// Time to go, from the poses done in this session.
-pub(super) fn remaining(p: &Progress, wall_s: f64) -> String {
+fn remaining(p: &Progress, wall_s: f64) -> String {
     let Some(left) = eta_s(p, wall_s) else {
         return "ETA -:--".to_owned();
     };
@@ -137,7 +137,7 @@ pub(super) fn remaining(p: &Progress, wall_s: f64) -> String {
     format!("ETA {}:{:02}", seconds / 60, seconds % 60)
 }
 
-pub(super) fn stage_name(stage: CampaignStage) -> &'static str {
+fn stage_name(stage: CampaignStage) -> &'static str {
     match stage {
         CampaignStage::Connect => "connect",
         CampaignStage::Home => "home",
@@ -152,7 +152,7 @@ pub(super) fn stage_name(stage: CampaignStage) -> &'static str {
     }
 }
 
-pub(super) fn phase_name(phase: Phase) -> &'static str {
+fn phase_name(phase: Phase) -> &'static str {
     match phase {
         Phase::Idle => "idle",
         Phase::Moving => "moving",

@@ -19,6 +19,7 @@ use super::exit::{CliError, Exit};
 use super::interrupt::interrupt;
 use super::listening::{announce, warn_if_open};
 use super::out::errln;
+use crate::simulated;
 use spherecal_job::{self as job, Config, JobError};
 use spherecal_link::native::Undeclared;
 use spherecal_shared::robot::BUILT_IN;
@@ -96,7 +97,7 @@ impl PlantArgs {
         } else if own_interface && self.config.is_none() {
             config = config.on_preset(INTERFACE_PRESET);
         }
-        config.check()?;
+        simulated::check(&config)?;
         Ok(config)
     }
 }
@@ -155,7 +156,7 @@ pub(super) fn franka(args: &PlantArgs) -> Result<Exit, CliError> {
     let arm: Box<dyn spherecal_fci::robot::ArmHardware> = if let Some(path) = &args.guide {
         Box::new(guided(&config, path)?)
     } else {
-        let arm = job::simulated_robot(&config, (0.0, 0.0))?;
+        let arm = simulated::robot(&config, (0.0, 0.0))?;
         undeclared = arm.undeclared();
         Box::new(arm)
     };
@@ -208,7 +209,7 @@ pub(super) fn kuka(args: &PlantArgs, client: SocketAddr) -> Result<Exit, CliErro
     let arm: Box<dyn spherecal_fri::robot::ArmHardware> = if let Some(path) = &args.guide {
         Box::new(guided(&config, path)?)
     } else {
-        let arm = job::simulated_robot(&config, (args.stiffness, damping))?;
+        let arm = simulated::robot(&config, (args.stiffness, damping))?;
         undeclared = arm.undeclared();
         Box::new(arm)
     };

@@ -1,13 +1,11 @@
 //! `spherecal run`: the whole job.
 
 use std::collections::BTreeMap;
-use std::io::IsTerminal as _;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::args::RunArgs;
-#[cfg(feature = "dashboard")]
-use super::dashboard::Dashboard;
 use super::exit::{CliError, Exit};
 use super::features;
 use super::interrupt::interrupt;
@@ -15,6 +13,7 @@ use super::live_output::LiveOutput;
 use super::out::{err, errln, out, outln};
 use super::progress::ProgressView;
 use super::text;
+use crate::simulated::{self, SimulatedCell, SimulationError};
 use spherecal_campaign::telemetry::{ContactTrace, DrawnArm, TelemetryRecorder};
 use spherecal_campaign::{CampaignObserver, Moved, Progress};
 use spherecal_job::open_store;
@@ -24,7 +23,7 @@ use spherecal_link::{Arrival, Serial};
 use spherecal_model::robots;
 use spherecal_services::Server;
 use spherecal_services::live::End;
-use spherecal_sim::inject;
+use spherecal_sim::inject::FaultPlan;
 use spherecal_store::history::{self, FINGERPRINT, Fingerprint};
 use spherecal_store::{CalibrationStore, RunInfo, SqlStore, StoreLocation};
 
@@ -34,78 +33,30 @@ pub(super) struct FinishedRun {
     pub(super) files: Vec<PathBuf>,
 }
 
-/// How progress is shown on the terminal.
-enum Face {
-    /// A bar or lines.
-    Plain(ProgressView),
-    /// The whole terminal.
-    #[cfg(feature = "dashboard")]
-    Whole(Box<Dashboard>),
-}
-
-impl Face {
-    fn new(args: &RunArgs, prepared: &PreparedRun) -> Result<Self, CliError> {
-        if args.dashboard {
-            Self::whole(prepared)
-        } else {
-            Ok(Self::Plain(ProgressView::new()))
-        }
-    }
-
-    #[cfg(feature = "dashboard")]
-    fn whole(prepared: &PreparedRun) -> Result<Self, CliError> {
-        let trigger_n = prepared.config.procedure.approach.trigger_n;
-        Dashboard::start(&prepared.robot, &prepared.tool, trigger_n)
-            .map(|dashboard| Self::Whole(Box::new(dashboard)))
-            .ok_or_else(no_terminal)
-    }
-
-    #[cfg(not(feature = "dashboard"))]
-    fn whole(_prepared: &PreparedRun) -> Result<Self, CliError> {
-        Err(CliError::feature("--dashboard", "dashboard"))
-    }
-
-    fn finish(&mut self) {
-        match self {
-            Self::Plain(view) => view.finish(),
-            #[cfg(feature = "dashboard")]
-            Self::Whole(dashboard) => dashboard.finish(),
-        }
-    }
-
-    fn inner(&mut self) -> &mut dyn CampaignObserver {
-        match self {
-            Self::Plain(view) => view,
-            #[cfg(feature = "dashboard")]
-            Self::Whole(dashboard) => dashboard.as_mut(),
-        }
-    }
-}
-
 /// All views of a run: the terminal, and viewers outside.
 struct View {
-    face: Face,
+    terminal: ProgressView,
     live: LiveOutput,
 }
 
 impl CampaignObserver for View {
     fn event(&mut self, now_us: u64, arrival: &Arrival) {
-        self.face.inner().event(now_us, arrival);
+        self.terminal.event(now_us, arrival);
         self.live.event(now_us, arrival);
     }
 
     fn progress(&mut self, progress: &Progress) {
-        self.face.inner().progress(progress);
+        self.terminal.progress(progress);
         self.live.progress(progress);
     }
 
     fn note(&mut self, text: &str) {
-        self.face.inner().note(text);
+        self.terminal.note(text);
         self.live.note(text);
     }
 
     fn plate(&mut self, place: u32) -> Moved {
-        self.face.inner().plate(place)
+        self.terminal.plate(place)
     }
 }
 
@@ -176,9 +127,6 @@ fn check_first(args: &RunArgs) -> Result<(), CliError> {
     if let Some(path) = &args.waypoints {
         TaughtWaypoints::read(path)?;
     }
-    if args.dashboard && !std::io::stderr().is_terminal() {
-        return Err(no_terminal());
-    }
     if let Some(address) = &args.serve {
         Server::check(address, &args.protection.files())?;
     }
@@ -194,23 +142,22 @@ fn check_first(args: &RunArgs) -> Result<(), CliError> {
     Ok(())
 }
 
-/// `--dashboard` without a terminal.
-fn no_terminal() -> CliError {
-    CliError::input("--dashboard: stderr is not a terminal: leave the option out, or do not redirect stderr")
-}
-
 /// Plans and measures, or continues the last run. The outside views stay open.
 pub(super) fn measure(
     args: &RunArgs,
     interrupt: &AtomicBool,
 ) -> Result<(Box<dyn CalibrationStore>, RunInfo, LiveOutput), CliError> {
     features::check_run(args)?;
-    let inject = args.inject.as_deref().map(inject::FaultPlan::load).transpose()?;
+    let inject = args.inject.as_deref().map(FaultPlan::load).transpose();
+    let inject = inject.map_err(SimulationError::from).map_err(JobError::from)?;
     check_first(args)?;
     let mut live = LiveOutput::open(args)?;
+    // Faults are injected into a drive that only they connect.
+    let connects_early = inject.is_none();
+    let simulator = Arc::new(SimulatedCell { inject });
     let mut device = None;
     let (mut store, prepared, resume) = if args.resume {
-        resumed(args)?
+        resumed(args, simulator)?
     } else {
         // What is there already is checked before the poses are planned; what is not yet there appears
         // with the plan.
@@ -229,11 +176,10 @@ pub(super) fn measure(
             job::check_tracker(peer)?;
         }
         let config = args.configuration()?;
-        // Faults are injected into a drive that only they connect.
-        if inject.is_none() {
+        if connects_early {
             device = job::connect_early(&config, &args.link)?;
         }
-        let prepared = args.prepare_from(&config)?;
+        let prepared = args.prepare_from(&config, simulator)?;
         let mut store = found.map_or_else(open, Ok)?;
         warn_of_first_run(&args.link, &prepared.config.arm, store.as_mut());
         (store, prepared, None)
@@ -251,9 +197,11 @@ pub(super) fn measure(
             ("robot".to_owned(), prepared.robot.name.to_string()),
             ("link".to_owned(), args.link.to_string()),
         ]);
-        let face = Face::new(args, &prepared)?;
         live.begin(args, &prepared)?;
-        let view = View { face, live };
+        let view = View {
+            terminal: ProgressView::new(),
+            live,
+        };
         let mut view = TelemetryRecorder::new(view, &args.out, DrawnArm::new(&prepared.model, &prepared.tool), &about);
         let site = Site {
             link: &args.link,
@@ -262,16 +210,15 @@ pub(super) fn measure(
             store: store.as_mut(),
             observer: &mut view,
             interrupt,
-            inject: inject.as_ref(),
             device,
         };
         let measured = job::measure(&prepared, site, resume.as_ref());
         let (view, _, traces) = view.finish();
         let View {
-            mut face,
+            terminal,
             live: mut seen,
         } = view;
-        face.finish();
+        terminal.finish();
         if let Err(error) = measured {
             seen.end(&End {
                 run: None,
@@ -329,7 +276,10 @@ fn keep_traces(store: &mut dyn CalibrationStore, mut traces: Vec<ContactTrace>) 
     Ok(())
 }
 
-fn resumed(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, PreparedRun, Option<RunInfo>), CliError> {
+fn resumed(
+    args: &RunArgs,
+    simulator: Arc<SimulatedCell>,
+) -> Result<(Box<dyn CalibrationStore>, PreparedRun, Option<RunInfo>), CliError> {
     let mut store = open_store(&args.database(), false)?;
     store.verify()?;
     let info = store.require_run_of(args.arm.as_deref().unwrap_or_default())?;
@@ -340,7 +290,7 @@ fn resumed(args: &RunArgs) -> Result<(Box<dyn CalibrationStore>, PreparedRun, Op
         }
         .into());
     }
-    let mut prepared = job::prepare(&job::read(store.as_mut(), &info)?.config)?;
+    let mut prepared = job::prepare(&job::read(store.as_mut(), &info)?.config, simulator)?;
     // Use the stored plan and waypoints, even if the planner would now choose others.
     prepared.plan = job::read(store.as_mut(), &info)?.plan;
     prepared.untaught = None;
@@ -354,7 +304,7 @@ pub(super) fn evaluate(
     info: &RunInfo,
 ) -> Result<FinishedRun, CliError> {
     let measurements: Measurements = job::read(store, info)?;
-    let evaluation = job::evaluate(&measurements)?;
+    let evaluation = simulated::evaluate(&measurements)?;
     let summary = job::summarise(&measurements, &evaluation, &info.created_utc)?;
     let traces = job::contact_traces(store, info.run)?;
     let written = job::write(out, &measurements, &evaluation, &summary, &traces, &info.created_utc)?;

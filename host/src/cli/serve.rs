@@ -144,10 +144,13 @@ mod services {
     use std::sync::Arc;
 
     use spherecal_campaign::TrackerError;
-    use spherecal_job::{Choice, Config, JobError, PlanSection, PreparedRun, device, prepare, simulated_tracker};
+    use spherecal_job::connect::device;
+    use spherecal_job::{Choice, Config, JobError, PlanSection, PreparedRun};
     use spherecal_link::LinkError;
     use spherecal_services::Offer;
     use spherecal_services::grpc::{DeviceFactory, RobotFacts};
+
+    use crate::simulated::{plant, prepare};
 
     use super::{CliError, ServeArgs, Service};
 
@@ -159,13 +162,16 @@ mod services {
                 offer.robot = Some(robot(args, &prepared));
             }
             if args.serves(Service::Tracker) {
-                let sigma_m = prepared.plant.tracker.sigma_m;
+                let sigma_m = plant(&prepared.config).map_err(JobError::from)?.tracker.sigma_m;
                 let prepared = Arc::clone(&prepared);
                 let make = move || {
-                    simulated_tracker(&prepared).map_err(|error| TrackerError::Device {
-                        input: error.is_input(),
-                        source: Box::new(error),
-                    })
+                    prepared
+                        .simulator
+                        .tracker(&prepared)
+                        .map_err(|error| TrackerError::Device {
+                            input: error.is_input(),
+                            source: Box::new(error),
+                        })
                 };
                 offer.tracker = Some((Box::new(make), sigma_m));
             }

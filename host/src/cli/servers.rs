@@ -14,6 +14,7 @@ use super::exit::{CliError, Exit};
 use super::listening::{announce, warn_if_open};
 use super::out::errln;
 use super::robot_sides::{self, PlantArgs};
+use crate::simulated;
 use spherecal_job::{self as job, Link};
 use spherecal_link::native::enter_real_time;
 use spherecal_link::tcp::{DriveServer, TcpDrive, TcpError, controller_server, listen};
@@ -70,7 +71,7 @@ pub(super) fn plant(args: &PlantArgs) -> Result<Exit, CliError> {
     if args.tolerant {
         return Err(CliError::input("--tolerant: give --fci or --fri with it"));
     }
-    let drive = job::simulated_drive(&args.configuration()?)?;
+    let drive = simulated::drive(&args.configuration()?)?;
     let (listener, address) = listen(args.listen.as_deref().unwrap_or("7401")).map_err(LinkError::from)?;
     warn_if_open("plant", address);
     let way = if args.real_time { "in real time" } else { "in lock-step" };

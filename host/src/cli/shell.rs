@@ -12,7 +12,6 @@ use super::exit::{CliError, Exit};
 use super::out::outln;
 use spherecal_identify::{Method, Model};
 use spherecal_job::JobError;
-use spherecal_lab::worlds::World;
 use spherecal_shared::robot::BUILT_IN;
 use spherecal_sim::inject::PRESETS;
 use spherecal_sim::plant;
@@ -40,9 +39,7 @@ fn values(option: &str) -> Option<(Vec<&'static str>, bool)> {
         "preset" => (plant::PRESETS.to_vec(), false),
         "method" => (Method::ALL.map(Method::name).to_vec(), false),
         "model" => (Model::ALL.map(Model::name).to_vec(), false),
-        "world" => (World::ALL.map(World::name).to_vec(), false),
         "inject" => (PRESETS.iter().map(|preset| preset.name).collect(), true),
-        "show" | "only" => (PRESETS.iter().map(|preset| preset.name).collect(), false),
         "instrument" => (vec!["none", "tracker", "points"], false),
         "link" => (
             vec![

@@ -5,11 +5,13 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::args::{RunArgs, StoredArgs};
+use super::document::documented;
 use super::exit::{CliError, Exit};
 use super::interrupt::interrupt;
 use super::out::{out, outln};
 use super::run::{self, evaluate, print};
 use super::text;
+use crate::simulated::check;
 use spherecal_job::Config;
 use spherecal_job::open_store;
 use spherecal_services::live::End;
@@ -88,9 +90,9 @@ pub(super) fn config(args: &ConfigArgs) -> Result<Exit, CliError> {
         Some(path) => Config::read(path)?,
         None => Config::default(),
     };
-    config.check()?;
+    check(&config)?;
     if args.print {
-        out!("{}", config.to_documented_toml()?);
+        out!("{}", documented(&config)?);
     } else {
         outln!("The configuration is valid; --print shows it.");
     }

@@ -14,7 +14,7 @@ const WRONG: &[(&[&str], &[&str])] = &[
     (&["run", "--resume", "--robot", "ur5e"], &["--resume", "--robot"]),
     (&["run", "--link", "tcp:nohost"], &["tcp:nohost", "tcp:HOST:PORT"]),
     (&["run", "--config", "nowhere.toml"], &["nowhere.toml", "no such file"]),
-    (&["run", "--inject", "nothing"], &["nothing", "spherecal faults --list"]),
+    (&["run", "--inject", "nothing"], &["nothing", "human_push"]),
     (
         &["history", "--store", "mysql://robot:secret@db/fleet"],
         &["mysql://", "postgres://", "grpc:HOST:PORT"],

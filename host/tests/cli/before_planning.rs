@@ -175,7 +175,7 @@ const MISTAKES: &[Mistake] = &[
     (
         "no such fault",
         &["run", "--inject", "earthquake"],
-        &["\"earthquake\"", "spherecal faults --list"],
+        &["\"earthquake\"", "human_push"],
     ),
     (
         "no such waypoints",
@@ -203,11 +203,6 @@ const MISTAKES: &[Mistake] = &[
         &["none.pem"],
     ),
     (
-        "a dashboard without a terminal",
-        &["run", "--dashboard"],
-        &["--dashboard", "terminal"],
-    ),
-    (
         "nothing to continue",
         &["run", "--resume"],
         &["there is no database", "spherecal run"],
@@ -232,17 +227,22 @@ const MISTAKES: &[Mistake] = &[
         &["trend", "--limit-mm", "0"],
         &["--limit-mm", "positive number of mm"],
     ),
-    ("an unknown world", &["worlds", "--world", "W9"], &["W9", "W0, W1"]),
     (
-        "an unknown estimator",
-        &["worlds", "--estimator", "best"],
-        &["best", "sphere"],
+        "a study",
+        &["reproduce", "--world", "W1"],
+        &["`reproduce` is a study", "`spherecal-lab reproduce`"],
     ),
     (
-        "an unknown fault",
-        &["faults", "--only", "earthquake"],
-        &["\"earthquake\" is not a fault", "--list"],
+        "help of a study",
+        &["-v", "worlds", "--help"],
+        &["`spherecal-lab worlds`"],
     ),
+    (
+        "a study of faults",
+        &["faults", "--campaign", "9"],
+        &["`spherecal-lab faults`"],
+    ),
+    ("a long run", &["soak", "--hours", "1"], &["`spherecal-lab soak`"]),
     (
         "half a plate",
         &[

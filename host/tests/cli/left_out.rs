@@ -6,10 +6,7 @@ use std::process::Command;
 use crate::support::{PROGRAM, text};
 
 /// What is asked for, and the feature that brings it.
-const ASKED: [(&[&str], &str); 17] = [
-    (&["--dashboard"], "dashboard"),
-    (&["run", "--dashboard"], "dashboard"),
-    (&["measure", "--dashboard"], "dashboard"),
+const ASKED: [(&[&str], &str); 14] = [
     (&["run", "--link", "grpc:127.0.0.1:1"], "services"),
     (&["teach", "--link", "grpc:127.0.0.1:1"], "services"),
     (&["stability", "--link", "grpcs:127.0.0.1:1"], "services"),
@@ -32,7 +29,6 @@ const ASKED: [(&[&str], &str); 17] = [
 /// Whether the program of these tests was built with a feature.
 fn is_built(feature: &str) -> bool {
     match feature {
-        "dashboard" => cfg!(feature = "dashboard"),
         "services" => cfg!(feature = "services"),
         "postgres" => cfg!(feature = "postgres"),
         "parquet" => cfg!(feature = "parquet"),

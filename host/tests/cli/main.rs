@@ -39,8 +39,6 @@ mod release;
 mod robot_sides;
 #[cfg(feature = "services")]
 mod services;
-#[cfg(unix)]
-mod shards;
 mod support;
 mod targets;
 #[cfg(unix)]

@@ -89,7 +89,6 @@ fn the_bill_of_materials_is_that_of_the_program() {
         "sqlx",
         "tonic",
         "parquet",
-        "ratatui",
         "libsqlite3-sys",
     ] {
         assert!(shipped.contains(name), "{name}");
@@ -146,7 +145,8 @@ fn the_recipe_of_the_image_is_whole() {
         match words[1].strip_prefix("--from=") {
             Some(stage) => {
                 assert!(stages.contains(&stage), "{stage}");
-                assert_eq!(words[2], "/source/target/dist/spherecal");
+                let programs = ["/source/target/dist/spherecal", "/source/target/dist/spherecal-lab"];
+                assert_eq!(words[2..words.len() - 1], programs);
             }
             None => {
                 for file in &words[1..words.len() - 1] {
@@ -166,7 +166,9 @@ fn the_recipe_of_the_image_is_whole() {
         .and_then(|rest| rest.split('-').next())
         .expect("an image");
     assert_eq!(image, smallest.trim_matches('"'));
-    assert!(text.contains("cargo build --profile dist --package spherecal --all-features --locked"));
+    assert!(
+        text.contains("cargo build --profile dist --package spherecal --package spherecal-lab --all-features --locked")
+    );
     let user = lines.iter().rfind(|w| w[0] == "USER").expect("a user");
     assert_ne!(user[1], "root");
     // The pods of the examples override the entry point by a shell, which this base has.

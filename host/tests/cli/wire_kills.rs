@@ -8,7 +8,8 @@ use std::process::{Child, Command};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use spherecal::job::{self, Config};
+use spherecal::job::Config;
+use spherecal::simulated;
 use spherecal_fci::robot::{RobotConfig, RobotSide};
 use spherecal_fci::wire::{RobotMode, Version};
 use spherecal_fri::robot::{CabinetConfig, CabinetSide, Tolerance};
@@ -57,7 +58,7 @@ fn measure(folder: &Path, link: &str, how: &[&str]) -> Child {
 fn long_a_host_killed_over_the_franka_control_interface_goes_on() {
     let folder = tempfile::tempdir().expect("a folder");
     let config = cell(folder.path(), "panda");
-    let arm = job::simulated_robot(&config, (0.0, 0.0)).expect("an arm");
+    let arm = simulated::robot(&config, (0.0, 0.0)).expect("an arm");
     let robot = RobotSide::start(RobotConfig::for_tests(Version::V5), Box::new(arm)).expect("a robot");
     let link = format!("franka:{}", robot.address());
     let database = folder.path().join("cell/calibration.db");
@@ -136,7 +137,7 @@ impl Drop for Ends<'_> {
 fn long_a_host_killed_over_the_fast_robot_interface_goes_on() {
     let folder = tempfile::tempdir().expect("a folder");
     let config = cell(folder.path(), "iiwa7");
-    let arm = job::simulated_robot(&config, (0.0, 0.0)).expect("an arm");
+    let arm = simulated::robot(&config, (0.0, 0.0)).expect("an arm");
     let probe = UdpSocket::bind("127.0.0.1:0").expect("a free port");
     let client = probe.local_addr().expect("an address");
     drop(probe);

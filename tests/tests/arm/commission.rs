@@ -10,12 +10,11 @@ use spherecal::campaign::commission::{
     Attendant, CommissioningStep, MovingLimits, StepEnd, StepReport, commission_moving,
 };
 use spherecal::campaign::{Assignment, CampaignError, Silent};
-use spherecal::job::{
-    Choice, Commissioning, Config, Link, PreparedRun, commission, commissionings, open_store, prepare,
-};
+use spherecal::job::{Choice, Commissioning, Config, Link, PreparedRun, commission, commissionings, open_store};
 use spherecal::link::{Drive, JournalError, LinkError, LocalDevice, controller_in_process};
 use spherecal::sim::plant::Disturbance;
 use spherecal::sim::{Disturb, simulated_arm};
+use spherecal::simulated::{plant, prepare};
 use spherecal::store::StoreLocation;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 
@@ -147,7 +146,8 @@ fn a_load_that_was_not_declared_is_found_before_the_arm_moves() {
 /// The first step on an arm with another tool than the host believes.
 fn with_real_tool(prepared: &PreparedRun, tool: spherecal_shared::robot::Tool, person: &mut Person) -> Commissioning {
     use spherecal::campaign::commission::{ReadOnlyLimits, commission_read_only};
-    let arm = spherecal::sim::simulated_arm(&prepared.robot, &tool, &prepared.plant, &prepared.plan.home.joints);
+    let plant = plant(&prepared.config).expect("a plant");
+    let arm = spherecal::sim::simulated_arm(&prepared.robot, &tool, &plant, &prepared.plan.home.joints);
     let mut reader = spherecal::link::DriveReader::new(arm.expect("an arm")).expect("this protocol");
     let report = commission_read_only(
         &mut reader,
@@ -204,7 +204,7 @@ fn moved_in(
     let arm = simulated_arm(
         &prepared.robot,
         &prepared.tool,
-        &prepared.plant,
+        &plant(&prepared.config).expect("a plant"),
         &prepared.plan.home.joints,
     );
     let enabled = Arc::new(AtomicU64::new(0));

@@ -4,12 +4,12 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use spherecal::campaign::{CampaignError, Outcome};
-use spherecal::lab::faults::{CampaignOptions, Case, Finish, MatrixOptions, TrialEnd, campaign, matrix};
 use spherecal::link::qemu::{Qemu, QemuOptions};
 use spherecal::link::{Controller, LinkError, controller_in_process};
 use spherecal::sim::inject::{FaultPlan, FaultyCell, FaultyDrive, InjectedFault, NotReadyStatus, PlannedFault, When};
 use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::simulated_arm;
+use spherecal_lab::faults::{CampaignOptions, Case, Finish, MatrixOptions, TrialEnd, campaign, matrix};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{Fault, Phase};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
@@ -222,7 +222,7 @@ fn amount(name: &str, usual: u64) -> u64 {
 }
 
 // Fails if any fault at any of the sampled instants ends otherwise than
-// docs/recovery.md says. The whole matrix: `spherecal faults`.
+// docs/recovery.md says. The whole matrix: `spherecal-lab faults`.
 #[test]
 #[cfg_attr(debug_assertions, ignore = "long: scripts/test --long runs it")]
 fn long_every_fault_alone() {
@@ -239,7 +239,7 @@ fn long_every_fault_alone() {
 
 // Fails if any of the sampled runs with random faults ends otherwise than
 // calibrated as well as without, or with a stop that says why. The whole
-// campaign: `spherecal faults --campaign 1000`.
+// campaign: `spherecal-lab faults --campaign 1000`.
 #[test]
 #[cfg_attr(debug_assertions, ignore = "long: run by name")]
 fn long_a_campaign_of_random_faults() {

@@ -4,8 +4,9 @@
 use std::collections::BTreeSet;
 
 use spherecal::campaign::CampaignError;
-use spherecal::job::{Config, PreparedRun, evaluate, prepare, summarise};
+use spherecal::job::{Config, PreparedRun, summarise};
 use spherecal::link::{Device, LinkError, LocalDevice};
+use spherecal::simulated::{self, evaluate, prepare};
 use spherecal_tests::plan::{carry_out, cell, measured, plant};
 
 /// Two placements: the paper's, and one 120 mm to the side, 100 mm higher and turned.
@@ -63,7 +64,10 @@ impl Device for Real {
 fn slow_nobody_to_move_the_plate_is_said() {
     let prepared = two_places();
     let plan = prepared.plan.clone();
-    let mut real = Real(cell(plant(&prepared.plant, &plan)));
+    let mut real = Real(cell(plant(
+        &simulated::plant(&prepared.config).expect("a plant"),
+        &plan,
+    )));
     let (_, _, result) = carry_out(&mut real, &plan, &BTreeSet::new());
     let error = result.expect_err("nobody is there");
     assert!(matches!(error, CampaignError::Plate { place: 0 }), "{error}");

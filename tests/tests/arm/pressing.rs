@@ -1,8 +1,8 @@
 //! The force with which the arm presses is bounded by the controller itself.
 
 use spherecal::job::Config;
-use spherecal::lab::faults::{Case, FaultTrial, Finish, TrialEnd};
 use spherecal::sim::inject::{FaultPlan, InjectedFault};
+use spherecal_lab::faults::{Case, FaultTrial, Finish, TrialEnd};
 use spherecal_shared::protocol::host::{Fault, Phase};
 
 use crate::injected::one;

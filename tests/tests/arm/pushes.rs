@@ -6,8 +6,8 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use spherecal::job::Config;
-use spherecal::lab::faults::{Case, FaultTrial, Finish, PEAK_N, SUSTAINED_N, TrialEnd};
 use spherecal::sim::inject::{FaultPlan, InjectedFault, PlannedFault, When};
+use spherecal_lab::faults::{Case, FaultTrial, Finish, PEAK_N, SUSTAINED_N, TrialEnd};
 use spherecal_shared::protocol::host::Phase;
 
 /// Phases, the longest time after the entry in s, and the chance of a push at an entry, in each of the

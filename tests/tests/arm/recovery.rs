@@ -1,8 +1,8 @@
 //! Recovery that does not push: retreat and return after pushes.
 
-use spherecal::lab::faults::worst::{self, WorstOptions};
-use spherecal::lab::faults::{Case, Finish, PEAK_N, SUSTAINED_N, TrialEnd};
 use spherecal::sim::inject::InjectedFault;
+use spherecal_lab::faults::worst::{self, WorstOptions};
+use spherecal_lab::faults::{Case, Finish, PEAK_N, SUSTAINED_N, TrialEnd};
 use spherecal_shared::protocol::host::{Fault, Phase};
 
 use crate::injected::one;

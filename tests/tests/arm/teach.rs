@@ -7,10 +7,11 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::Vector3;
 use spherecal::campaign::{Assignment, Operator, RunOptions, Silent, run};
-use spherecal::job::{Choice, Config, Link, PreparedRun, TaughtWaypoints, prepare, teach};
+use spherecal::job::{Choice, Config, Link, PreparedRun, TaughtWaypoints, teach};
 use spherecal::link::{LocalDevice, controller_in_process};
 use spherecal::model::chain::Chain;
 use spherecal::sim::simulated_arm;
+use spherecal::simulated::{plant, prepare};
 
 /// The simulated arm is led by the simulated hand, never by a person.
 struct Nobody;
@@ -95,8 +96,13 @@ fn long_the_hand_leads_the_arm_over_every_sphere() {
             .expect("its own waypoints");
         let plan = prepared.plan.clone();
         assert_eq!(plan.spheres[0].approach.joints, waypoints.waypoint[0].joints_rad);
-        let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, &plan.home.joints)
-            .expect("a simulated arm");
+        let drive = simulated_arm(
+            &prepared.robot,
+            &prepared.tool,
+            &plant(&prepared.config).expect("a plant"),
+            &plan.home.joints,
+        )
+        .expect("a simulated arm");
         let mut cell = LocalDevice::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell");
         let assignment = Assignment {
             robot: &prepared.robot,

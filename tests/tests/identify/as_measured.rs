@@ -3,9 +3,9 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use spherecal::identify::{Experiment, Options, Target, identify};
-use spherecal::lab::worlds::{planned_poses, record_poses};
 use spherecal::plan::{Cell, DesignRequest, design};
 use spherecal::sim::worlds::World;
+use spherecal_lab::worlds::{planned_poses, record_poses};
 
 /// Rows of the real data.
 const ROWS: usize = 180;

@@ -8,11 +8,11 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use spherecal::identify::{EvaluateOptions, Experiment, Recordings, Target, Verdict, evaluate};
-use spherecal::lab::worlds::{Trial, record_plant};
 use spherecal::model::Chain;
 use spherecal::model::input::Labels;
 use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::worlds::World;
+use spherecal_lab::worlds::{Trial, record_plant};
 
 use super::verdicts::{default_plan, move_contacts};
 

@@ -5,11 +5,11 @@ use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use spherecal::identify::{EvaluateOptions, Recordings, evaluate, fit_pose};
-use spherecal::lab::worlds::{ContactPose, planned_poses, record_plant};
 use spherecal::model::Chain;
 use spherecal::plan::{Cell, DesignRequest, design};
 use spherecal::sim::plant::{PlantConfig, StillArm};
 use spherecal::sim::worlds::World;
+use spherecal_lab::worlds::{ContactPose, planned_poses, record_plant};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
 /// Configurations at which a file is judged.

@@ -1,9 +1,9 @@
 //! The paper's study in one call.
 
 use spherecal::identify::Recordings;
-use spherecal::lab::reproduce::reproduce;
-use spherecal::lab::worlds::record;
 use spherecal::sim::worlds::World;
+use spherecal_lab::reproduce::reproduce;
+use spherecal_lab::worlds::record;
 
 // Fails if a table or figure is missing, the redundancy analysis is not the
 // paper's, the simplex does not freeze, or the better estimator is not better.

@@ -12,11 +12,11 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use spherecal::identify::{EvaluateOptions, Recordings, Verdict, evaluate, fit_pose};
-use spherecal::lab::worlds::{ContactPose, Trial, planned_poses, record_plant};
 use spherecal::model::Chain;
 use spherecal::plan::{Cell, DesignRequest, design};
 use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::worlds::World;
+use spherecal_lab::worlds::{ContactPose, Trial, planned_poses, record_plant};
 
 /// Checks that name a cause.
 const CAUSES: [&str; 13] = [

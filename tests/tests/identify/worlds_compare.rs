@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use spherecal::identify::validate::Alignment;
 use spherecal::identify::{Options, identify};
-use spherecal::lab::worlds::{CompareOptions, Comparison, Estimator, compare, record};
 use spherecal::sim::worlds::World;
+use spherecal_lab::worlds::{CompareOptions, Comparison, Estimator, compare, record};
 
 /// Median of the mean error with the base fitted to the points, in mm.
 fn median(table: &Comparison, world: World, estimator: Estimator) -> f64 {
@@ -78,8 +78,8 @@ fn long_full_model_over_all_worlds() {
         let map = table.cell(world, Estimator::Sphere).expect("compared");
         let laser = table.cell(world, Estimator::Laser).expect("compared");
         let within = |(a, b): &(
-            &spherecal::lab::worlds::AlignedErrors,
-            &spherecal::lab::worlds::AlignedErrors,
+            &spherecal_lab::worlds::AlignedErrors,
+            &spherecal_lab::worlds::AlignedErrors,
         )| { a.arcs.max_mm <= b.arcs.max_mm + 0.058 };
         let count = map.robots.iter().zip(&laser.robots).filter(within).count();
         println!("{world}: within 58 um of the laser's maximum for {count} of {ROBOTS} robots");

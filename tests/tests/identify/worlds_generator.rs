@@ -3,9 +3,9 @@
 
 use nalgebra::Vector3;
 use spherecal::identify::{Experiment, Method, Options, Override, Target, identify};
-use spherecal::lab::worlds::{paper_poses, record, record_poses};
 use spherecal::plan::laser::{TABLE_3, TABLE_4};
 use spherecal::sim::worlds::World;
+use spherecal_lab::worlds::{paper_poses, record, record_poses};
 use spherecal_shared::robot::{Arm, Robot, Tool};
 use spherecal_tests::worlds::World as Stored;
 

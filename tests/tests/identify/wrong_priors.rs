@@ -1,10 +1,10 @@
 //! What it costs that the priors are not the laws that a robot was drawn from.
 
 use rayon::prelude::*;
-use spherecal::lab::worlds::{ContactPose, Estimator, judge, planned_poses, record_plant};
 use spherecal::plan::{Cell, DesignRequest, design};
 use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::worlds::World;
+use spherecal_lab::worlds::{ContactPose, Estimator, judge, planned_poses, record_plant};
 
 /// Robots of each case.
 const ROBOTS: u64 = 12;

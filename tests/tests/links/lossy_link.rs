@@ -2,7 +2,8 @@
 //! recorded is the same to the last bit, and what happened is counted.
 
 use spherecal::job::{self, Choice, Config, Measurements};
-use spherecal::sim::Lossy;
+use spherecal::link::Lossy;
+use spherecal::simulated;
 use spherecal_tests::plan;
 
 /// The worst that the link is built for: a fifth of the frames lost, one in a
@@ -21,7 +22,7 @@ fn measured(poses: usize, host_link: Lossy) -> Measurements {
     config.plan.choice = Choice::Grid;
     config.laser.enabled = false;
     config.host_link = host_link;
-    plan::measured(&job::prepare(&config).expect("a plan"))
+    plan::measured(&simulated::prepare(&config).expect("a plan"))
 }
 
 /// Fails if over a bad link one bit of what was measured differs from what a

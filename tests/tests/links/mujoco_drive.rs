@@ -9,10 +9,11 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::Vector3;
 use spherecal::campaign::{Assignment, RunOptions, Silent, run};
-use spherecal::job::{Config, prepare};
+use spherecal::job::Config;
 use spherecal::link::tcp::{TcpDrive, check_limits};
 use spherecal::link::{Drive, LocalDevice, controller_in_process};
 use spherecal::model::chain::Chain;
+use spherecal::simulated::prepare;
 use spherecal_tests::plan::Memory;
 
 /// A Python that can import mujoco; scripts/test makes one.

@@ -7,7 +7,7 @@
 //! judged by the direction in which the nest was pushed.
 
 use nalgebra::Vector3;
-use spherecal_shared::protocol::host::{Contact, Coupled, Fault};
+use spherecal_shared::protocol::host::{Contact, Coupled, Fault, FaultReport};
 use spherecal_shared::robot::{Robot, Tool};
 
 use spherecal_model::chain::{Chain, TcpPose};
@@ -19,6 +19,16 @@ const RING_M: f64 = 0.008;
 const FAR_M: f64 = 0.040;
 /// Smallest motion of the nest that indicates a direction, in m.
 const TOLD_M: f64 = 0.001;
+
+/// How a coupling ended.
+pub(super) enum CouplingEnd {
+    /// The nest is seated, at its place.
+    Seated,
+    /// The nest is off the sphere: another coupling must confirm it or decide.
+    Again,
+    /// A fault; the arm holds.
+    Fault(FaultReport),
+}
 
 /// What one descent left to learn from.
 #[derive(Clone, Copy, Debug, Default)]

@@ -11,25 +11,15 @@
 
 use std::collections::BTreeSet;
 
-use spherecal_shared::protocol::host::{ApproachCommand, Command, Fault, FaultReport, Phase};
+use spherecal_shared::protocol::host::{ApproachCommand, Command, Fault, Phase};
 
 use super::CampaignError;
 use super::observe::CampaignStage;
 use super::procedure::Campaign;
-use super::retry::{DescentEnd, Waypoints};
+use super::retry::{CouplingEnd, DescentEnd, Waypoints};
 use super::seats::SeatVerdict;
 use super::session::{Session, Waited};
 use spherecal_plan::Visit;
-
-/// How a coupling ended.
-pub(super) enum CouplingEnd {
-    /// The nest is seated, at its place.
-    Seated,
-    /// The nest is off the sphere: another coupling must confirm it or decide.
-    Again,
-    /// A fault; the arm holds.
-    Fault(FaultReport),
-}
 
 /// Whether a fault can come from a sphere that is not where it was.
 fn of_the_sphere(fault: Fault) -> bool {

@@ -13,8 +13,7 @@ use spherecal_campaign::commission::{
 };
 use spherecal_campaign::{Assignment, CampaignObserver};
 use spherecal_fci::wire::Version;
-use spherecal_link::{Drive, DriveReader, FrankaReader, JournalError, KukaReader, StateReader};
-use spherecal_sim::simulated_arm;
+use spherecal_link::{DriveReader, FrankaReader, JournalError, KukaReader, StateReader};
 use spherecal_store::{CalibrationStore, RunInfo};
 
 use super::connect::device;
@@ -127,15 +126,7 @@ fn reader(prepared: &PreparedRun, link: &Link) -> Result<Box<dyn StateReader>, J
         }
         Link::Fri(address) => Box::new(KukaReader::listen(*address)?),
         Link::Tcp(address) => Box::new(DriveReader::connect(address)?),
-        Link::Sim => {
-            let arm: Box<dyn Drive> = simulated_arm(
-                &prepared.robot,
-                &prepared.tool,
-                &prepared.plant,
-                &prepared.plan.home.joints,
-            )?;
-            Box::new(DriveReader::new(arm)?)
-        }
+        Link::Sim => Box::new(DriveReader::new(prepared.simulator.arm(prepared)?)?),
         other => {
             return Err(JobError::NotCommissioned {
                 link: other.to_string(),

@@ -9,15 +9,13 @@ use serde::{Deserialize, Serialize};
 use spherecal_shared::procedure::Procedure;
 
 use spherecal_identify as identify;
+use spherecal_link::Lossy;
 use spherecal_model::{read_text, read_toml};
-use spherecal_sim::Lossy;
-use spherecal_sim::plant::{PRESETS, PlantConfig};
 use toml::{Table, Value};
 
 mod cell;
 mod certificate;
 mod error;
-mod layout;
 mod sections;
 
 pub use cell::{CellSection, DriveSection, ToolSection};
@@ -29,9 +27,7 @@ pub use sections::{CampaignSection, Choice, LaserSection, PlanSection};
 const MOST_BYTES: u64 = 1 << 20;
 
 /// Preset of the simulated arm where a configuration names none: as hard to calibrate as real arms (world W5).
-const PRESET: &str = "as_measured";
-/// The preset of runs that older programs stored without a name.
-const STORED_PRESET: &str = "typical";
+pub const DEFAULT_PRESET: &str = "as_measured";
 
 /// The whole configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -56,7 +52,7 @@ pub struct Config {
     /// The simulated arm: the name of a `preset` (default: `as_measured`), and the errors that differ from it. A real
     /// arm does not use this section.
     #[serde(skip_serializing_if = "Table::is_empty")]
-    #[schemars(with = "PlantConfig")]
+    #[schemars(skip)]
     pub plant: Table,
     /// The laser tracker's reference.
     pub laser: LaserSection,
@@ -77,7 +73,7 @@ impl Default for Config {
             plan: PlanSection::default(),
             campaign: CampaignSection::default(),
             procedure: Procedure::default(),
-            plant: named(PRESET),
+            plant: named(DEFAULT_PRESET),
             laser: LaserSection::default(),
             host_link: Lossy::default(),
             identify: identify::Options::default(),
@@ -88,20 +84,6 @@ impl Default for Config {
 /// A `[plant]` with a preset alone.
 fn named(preset: &str) -> Table {
     Table::from_iter([("preset".to_owned(), Value::from(preset))])
-}
-
-/// Names the preset in the `[plant]` of a configuration that names none. A value that is no table stays: the reader
-/// reports it.
-fn name_preset(config: &mut Table, preset: &str) {
-    match config.get_mut("plant") {
-        Some(Value::Table(plant)) => {
-            plant.entry("preset").or_insert_with(|| Value::from(preset));
-        }
-        Some(_) => {}
-        None => {
-            config.insert("plant".to_owned(), named(preset).into());
-        }
-    }
 }
 
 impl Config {
@@ -125,43 +107,29 @@ impl Config {
     /// Like [`read`](Self::read), from a text; `name` appears in messages.
     ///
     /// # Errors
-    /// The text is not TOML, contains an unknown name, or has the layout of an older program.
+    /// The text is not TOML or contains an unknown name.
     pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
-        if let Ok(mut table) = toml::from_str::<Table>(text) {
-            let fields = layout::bring_forward(&mut table);
-            if !fields.is_empty() {
-                return Err(ConfigError::OldLayout {
-                    path: name.to_owned(),
-                    fields: fields.join(", "),
-                    lines: layout::cell_lines(&table),
-                });
-            }
-        }
         let mut config: Self = read_toml(text).map_err(|e| ConfigError::Syntax {
             path: name.to_owned(),
             message: e.to_string(),
         })?;
         // Named, so that the stored configuration keeps its meaning when the default changes.
-        config.plant.entry("preset").or_insert_with(|| Value::from(PRESET));
+        config
+            .plant
+            .entry("preset")
+            .or_insert_with(|| Value::from(DEFAULT_PRESET));
         Ok(config)
     }
 
-    /// Reads the configuration of a stored run, of this program or an older one.
+    /// Reads the configuration of a stored run.
     ///
     /// # Errors
-    /// The text is not TOML or contains a name that no version knew.
+    /// The text is not TOML or contains an unknown name.
     pub fn stored(text: &str) -> Result<Self, ConfigError> {
-        let unreadable = |e: toml::de::Error| ConfigError::Syntax {
-            path: "the stored configuration".to_owned(),
-            message: e.to_string(),
-        };
-        let mut table: Table = toml::from_str(text).map_err(unreadable)?;
-        layout::bring_forward(&mut table);
-        name_preset(&mut table, STORED_PRESET);
-        table.try_into().map_err(unreadable)
+        Self::parse("the stored configuration", text)
     }
 
-    /// Checks every number that has a range.
+    /// Checks every number that has a range, except those of `[plant]`, which the simulator checks.
     ///
     /// # Errors
     /// The first number that is out of its range.
@@ -169,7 +137,6 @@ impl Config {
         self.procedure.check()?;
         self.certificate.check()?;
         self.cell.check()?;
-        self.plant()?;
         self.host_link.check()?;
         if self.campaign.lead_ms > 2000 {
             return Err(ConfigError::Range {
@@ -233,36 +200,6 @@ impl Config {
         Ok(())
     }
 
-    /// The plant: the preset with the changed errors, the job's seed, and the cell.
-    ///
-    /// # Errors
-    /// An unknown preset or field, or a number out of range.
-    pub fn plant(&self) -> Result<PlantConfig, ConfigError> {
-        let section = |message: String| ConfigError::PlantSection { message };
-        let mut table = self.plant.clone();
-        let preset = match table.remove("preset") {
-            None => PRESET.to_owned(),
-            Some(Value::String(name)) => name,
-            Some(other) => {
-                return Err(section(format!(
-                    "preset is {other}: give one of {}",
-                    PRESETS.join(", ")
-                )));
-            }
-        };
-        let mut whole = Table::try_from(PlantConfig::preset(&preset)?).map_err(|e| section(e.to_string()))?;
-        merge(&mut whole, table);
-        let mut config: PlantConfig = whole
-            .try_into()
-            .map_err(|e: toml::de::Error| section(e.to_string().trim_end().to_owned()))?;
-        if !self.plant.contains_key("seed") {
-            config.seed = self.seed;
-        }
-        config.cell = self.cell.nominal();
-        config.check()?;
-        Ok(config)
-    }
-
     /// The whole tree as TOML, with every field.
     ///
     /// # Errors
@@ -272,21 +209,5 @@ impl Config {
             path: "configuration".to_owned(),
             message: e.to_string(),
         })
-    }
-}
-
-/// Writes `over` into `base`, table by table.
-fn merge(base: &mut Table, over: Table) {
-    for (key, value) in over {
-        match (base.get_mut(&key), value) {
-            (Some(Value::Table(inner)), Value::Table(new)) => merge(inner, new),
-            // A whole number in the place of a float is read as a float.
-            (Some(slot @ Value::Float(_)), Value::Integer(whole)) => {
-                *slot = Value::Float(whole as f64);
-            }
-            (_, value) => {
-                base.insert(key, value);
-            }
-        }
     }
 }

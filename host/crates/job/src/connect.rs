@@ -7,47 +7,38 @@ use spherecal_link::tcp::{Remote, TcpDrive, Threaded, check_limits};
 use spherecal_link::{Controller, Device, Drive as _, LinkError, LocalDevice, Serial, controller_in_process};
 use spherecal_model::robots::RobotModel;
 use spherecal_shared::robot::Robot;
-use spherecal_sim::inject::{self, FaultyCell, FaultyDrive, HostFaults};
-use spherecal_sim::{Injected, InjectedCounter, LossyDevice, simulated_arm};
 use spherecal_store::Peer;
 
 use super::link::Link;
-use super::{Config, JobError, PreparedRun, loaded_model, native};
+use super::{Config, Connection, JobError, PreparedRun, loaded_model, native};
 
-/// The connected device, with handles to the injected faults.
-pub(super) struct ConnectedDevice {
-    pub(super) device: Box<dyn Device>,
-    /// Faults of this computer, if faults are injected.
-    pub(super) host_faults: Option<HostFaults>,
-    /// What is done to frames of the host link.
-    counters: Vec<InjectedCounter>,
-}
-
-impl ConnectedDevice {
-    /// A device to which nothing is done.
-    fn plain(device: Box<dyn Device>) -> Self {
-        Self {
-            device,
-            host_faults: None,
-            counters: Vec::new(),
-        }
-    }
-
-    /// What was done to frames of the host link.
-    pub(super) fn injected(&self) -> Injected {
-        self.counters
-            .iter()
-            .fold(Injected::default(), |sum, counter| sum.plus(counter.get()))
-    }
-}
-
-/// The device behind the link, with the injected faults around it. A controller that logs writes to
+/// The device behind the link, with what `[host_link]` of the configuration does to frames. A controller that logs writes to
 /// `folder`.
 ///
 /// # Errors
 /// The link cannot be used, nothing answers there, or another robot does.
 pub fn device(prepared: &PreparedRun, link: &Link, folder: &Path) -> Result<Box<dyn Device>, JobError> {
-    Ok(connect(prepared, link, folder, None, None)?.device)
+    let connection = Connection {
+        link,
+        folder,
+        early: None,
+        repeated: false,
+        in_file: true,
+    };
+    Ok(prepared.simulator.connect(prepared, connection)?.device)
+}
+
+/// The device behind the link, over a host link without losses. The simulator makes an arm that is in this process.
+///
+/// # Errors
+/// The link cannot be used, nothing answers there, or another robot does.
+pub fn reliable(prepared: &PreparedRun, link: &Link, folder: &Path) -> Result<Box<dyn Device>, JobError> {
+    if let Some(device) = distant(&prepared.model, &prepared.config, link)? {
+        return Ok(device);
+    }
+    let controller = controller(prepared, link, folder)?;
+    let drive = prepared.simulator.arm(prepared)?;
+    Ok(Box::new(LocalDevice::new(controller, drive, prepared.robot.dof())?))
 }
 
 /// Connects to the arm of `link` before the poses are planned, so that a link that cannot be used is told at once. The
@@ -64,97 +55,6 @@ pub fn connect_early(config: &Config, link: &Link) -> Result<Option<Box<dyn Devi
         Link::Serial(device) => Serial::check(device).map(|()| None).map_err(JobError::from),
         Link::Fri(_) => native::can_listen(link).map(|()| None),
         Link::Sim | Link::Qemu => Ok(None),
-    }
-}
-
-/// As [`device`], with what is to go wrong. `early` is the device that [`connect_early`] gave, if it gave one.
-pub(super) fn connect(
-    prepared: &PreparedRun,
-    link: &Link,
-    folder: &Path,
-    inject: Option<&inject::FaultPlan>,
-    early: Option<Box<dyn Device>>,
-) -> Result<ConnectedDevice, JobError> {
-    let mut connected = match early {
-        Some(device) => ConnectedDevice::plain(device),
-        None => reliable(prepared, link, folder, inject)?,
-    };
-    let lossy = inject
-        .and_then(|plan| plan.host_link)
-        .unwrap_or(prepared.config.host_link);
-    if lossy.is_active() {
-        let device = LossyDevice::new(connected.device, lossy);
-        connected.counters.push(device.injected());
-        connected.device = Box::new(device);
-    }
-    Ok(connected)
-}
-
-/// Like [`connect`], over a host link without losses.
-fn reliable(
-    prepared: &PreparedRun,
-    link: &Link,
-    folder: &Path,
-    inject: Option<&inject::FaultPlan>,
-) -> Result<ConnectedDevice, JobError> {
-    let joints = prepared.robot.dof();
-    let Some(plan) = inject else {
-        if let Some(device) = distant(&prepared.model, &prepared.config, link)? {
-            return Ok(ConnectedDevice::plain(device));
-        }
-        let controller = controller(prepared, link, folder)?;
-        let drive = simulated_arm(
-            &prepared.robot,
-            &prepared.tool,
-            &prepared.plant,
-            &prepared.plan.home.joints,
-        )?;
-        return Ok(ConnectedDevice::plain(Box::new(LocalDevice::new(
-            controller, drive, joints,
-        )?)));
-    };
-    let drive = match link {
-        Link::Tcp(address) => FaultyDrive::Other(Box::new(lock_step_drive(prepared, link, address)?)),
-        Link::Serial(_) | Link::Controller(_) | Link::Grpc(_) | Link::Franka { .. } | Link::Fri(_) => {
-            return Err(no_injection(link));
-        }
-        Link::Sim | Link::Qemu => FaultyDrive::Simulated(simulated_arm(
-            &prepared.robot,
-            &prepared.tool,
-            &prepared.plant,
-            &prepared.plan.home.joints,
-        )?),
-    };
-    let first = controller(prepared, link, folder)?;
-    let (link, folder) = (link.clone(), folder.to_owned());
-    let restart = Box::new(move || match link {
-        Link::Qemu => Ok(Box::new(Qemu::start(&QemuOptions::new(&folder))?) as Box<dyn Controller>),
-        _ => controller_in_process(joints),
-    });
-    let device = FaultyCell::new(first, drive, joints, plan, restart)?.ending_process();
-    Ok(ConnectedDevice {
-        host_faults: Some(device.host_faults()),
-        counters: vec![device.injected()],
-        device: Box::new(device),
-    })
-}
-
-/// A drive in lock-step, as fault injection needs it.
-fn lock_step_drive(prepared: &PreparedRun, link: &Link, address: &str) -> Result<TcpDrive, JobError> {
-    let drive = TcpDrive::connect(address).map_err(LinkError::from)?;
-    check_limits(&drive.hello().limits, &prepared.robot).map_err(LinkError::from)?;
-    if drive.hello().lock_step {
-        Ok(drive)
-    } else {
-        Err(no_injection(link))
-    }
-}
-
-fn no_injection(link: &Link) -> JobError {
-    JobError::NoInjection {
-        link: link.to_string(),
-        remedy: "faults can be injected only between a controller and a drive in lock-step: use sim, qemu or the tcp: link of such a drive"
-            .to_owned(),
     }
 }
 

@@ -9,9 +9,6 @@ use spherecal_model::robots::RobotFileError;
 use spherecal_plan::PlanError;
 use spherecal_report::ChartError;
 use spherecal_services::ServiceError;
-use spherecal_sim::SimulatedArmError;
-use spherecal_sim::inject::{FaultyCellError, InjectError};
-use spherecal_sim::plant::PlantError;
 use spherecal_store::StoreError;
 
 use super::ConfigError;
@@ -34,9 +31,9 @@ pub enum JobError {
         /// Poses considered.
         planned: usize,
     },
-    /// The plant was refused.
+    /// What is to be simulated or injected was refused.
     #[error(transparent)]
-    Plant(#[from] PlantError),
+    Simulation(Box<dyn std::error::Error + Send + Sync>),
     /// The plate is out of the arm's reach; suggests a reachable placement.
     #[error(
         "{source}. With these lines in the configuration (--config) the arm reaches the whole plate:\n\n\
@@ -102,9 +99,6 @@ pub enum JobError {
         /// What the configuration says.
         configured: String,
     },
-    /// What was to be injected was refused.
-    #[error(transparent)]
-    Inject(#[from] InjectError),
     /// The campaign stopped.
     #[error(transparent)]
     Campaign(#[from] CampaignError),
@@ -173,24 +167,6 @@ impl From<ChainError> for JobError {
     }
 }
 
-impl From<SimulatedArmError> for JobError {
-    fn from(error: SimulatedArmError) -> Self {
-        match error {
-            SimulatedArmError::Plant(e) => Self::Plant(e),
-            SimulatedArmError::Link(e) => Self::Link(e),
-        }
-    }
-}
-
-impl From<FaultyCellError> for JobError {
-    fn from(error: FaultyCellError) -> Self {
-        match error {
-            FaultyCellError::Inject(e) => Self::Inject(e),
-            FaultyCellError::Link(e) => Self::Link(e),
-        }
-    }
-}
-
 impl JobError {
     /// Whether the user's input is the cause (exit code 2), not the job (1).
     pub fn is_input(&self) -> bool {
@@ -201,12 +177,11 @@ impl JobError {
             | Self::PlateOutOfReach { .. }
             | Self::NoPose { .. }
             | Self::Motors { .. }
-            | Self::Plant(_)
+            | Self::Simulation(_)
             | Self::NoInjection { .. }
             | Self::NoRobot { .. }
             | Self::NotCommissioned { .. }
             | Self::OtherRobot { .. }
-            | Self::Inject(_)
             | Self::Resume { .. }
             | Self::Waypoints { .. }
             | Self::Feature { .. }

@@ -6,9 +6,8 @@ use spherecal_shared::protocol::host::{Contact, Coupled, FaultReport, Recording}
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::course::course;
-use super::known_laws::known_laws_options;
 use super::link_record::LinkRecord;
-use super::{Config, JobError, Link};
+use super::{Config, JobError, Link, Simulator};
 use spherecal_identify::arcs::{Measured, MeasuredArc};
 use spherecal_identify::{
     CampaignRecord, Estimator, EvaluateOptions, Evaluation, Experiment, Observation, Options, Recordings, Set, Sphere,
@@ -138,16 +137,12 @@ impl Measurements {
     }
 }
 
-/// Identifies all models and judges them on the validation measurements.
+/// Identifies all models and judges them on the validation measurements. The simulator knows the laws of its errors, for
+/// comparison.
 ///
 /// # Errors
 /// Data that cannot be identified or judged.
-pub fn evaluate(m: &Measurements) -> Result<Evaluation, JobError> {
-    let known_laws = m
-        .config
-        .plant()
-        .ok()
-        .map(|plant| known_laws_options(&plant, m.robot.dof()));
+pub fn evaluate(m: &Measurements, simulator: &dyn Simulator) -> Result<Evaluation, JobError> {
     let options = EvaluateOptions {
         identify: Options {
             seed: m.seed,
@@ -161,7 +156,7 @@ pub fn evaluate(m: &Measurements) -> Result<Evaluation, JobError> {
             Estimator::PaperNelderMead,
             Estimator::KnownLaws,
         ],
-        known_laws,
+        known_laws: simulator.known_laws(&m.config, m.robot.dof()),
         accuracy_mm: m.config.plan.accuracy_mm,
         ..EvaluateOptions::default()
     };

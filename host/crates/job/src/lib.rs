@@ -8,21 +8,18 @@
 //!
 //! Each arrow is a function of plain data. So the command line can run the steps one at a time, and
 //! a service can run them elsewhere. [`evaluate`] sees only the data in the store: no plant, no
-//! link.
+//! link. What is simulated is behind the trait [`Simulator`]: the program chooses the simulation.
 
 mod certificate;
 mod commission;
 mod config;
 pub mod connect;
 mod course;
-mod document;
 mod drive_timing;
 mod error;
 mod evaluate;
 mod hexadecimal;
-mod host_faults;
 mod journal;
-mod known_laws;
 mod link;
 mod link_record;
 mod measure;
@@ -31,39 +28,38 @@ pub mod new_cell;
 mod open;
 mod other_robot;
 mod prepare;
+mod prepared;
 mod run_report;
+pub mod stability;
 mod stored;
 pub mod study;
 mod summary;
 mod teach;
 mod telemetry;
-mod tracker;
 mod waypoints;
 mod write;
 
 pub use commission::{Commissioning, commission, commissionings};
 pub use config::{
-    CampaignSection, CellSection, CertificateSection, Choice, Config, ConfigError, DriveSection, LaserSection,
-    PlanSection, ToolSection,
+    CampaignSection, CellSection, CertificateSection, Choice, Config, ConfigError, DEFAULT_PRESET, DriveSection,
+    LaserSection, PlanSection, ToolSection,
 };
-pub use connect::{connect_early, device};
+pub use connect::connect_early;
 pub use drive_timing::{Bin, DriveTiming, TimeHistogram};
 pub use error::JobError;
 pub use evaluate::{Measurements, evaluate};
-pub use host_faults::file_lock;
 pub use journal::{StoreJournal, store_error};
-pub use known_laws::known_laws_options;
 pub use link::{Link, UnknownLink};
 pub use link_record::LinkRecord;
 pub use measure::{MeasuredRun, Site, check_tracker, create_run, measure, read};
 pub use open::open_store;
-pub use prepare::{PreparedRun, check_reach, loaded_model, prepare, simulated_drive, simulated_robot};
+pub use prepare::{at_home, check_reach, loaded_model, prepare};
+pub use prepared::{ConnectedDevice, Connection, FaultyJournal, PreparedRun, Simulator};
 pub use run_report::run_report;
 pub use spherecal_identify::{Evaluation, Verdict};
 pub use stored::{StoredReport, contact_traces, put_contact_traces, stored_report};
 pub use summary::{LinkSummary, ModelSummary, PoseCounts, Summary, expected_words, summarise};
 pub use teach::teach;
 pub use telemetry::{RunTelemetry, run_telemetry};
-pub use tracker::simulated_tracker;
 pub use waypoints::{TaughtWaypoint, TaughtWaypoints};
 pub use write::{CalibratedTexts, Files, write};

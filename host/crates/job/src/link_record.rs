@@ -1,8 +1,8 @@
 //! The host link's counters, as the database stores them.
 
 use serde::{Deserialize, Serialize};
+use spherecal_link::Injected;
 use spherecal_shared::protocol::frame::LinkCounters;
-use spherecal_sim::Injected;
 
 use super::drive_timing::DriveTiming;
 
@@ -28,15 +28,7 @@ pub struct LinkRecord {
 impl LinkRecord {
     /// Reads the stored text. A session that was killed has none.
     pub(super) fn stored(text: &str) -> Self {
-        serde_json::from_str(text)
-            .or_else(|_| {
-                // The first versions stored the counters alone.
-                serde_json::from_str(text).map(|ends| Self {
-                    ends,
-                    ..Self::default()
-                })
-            })
-            .unwrap_or_default()
+        serde_json::from_str(text).unwrap_or_default()
     }
 
     pub(super) fn add(&mut self, other: &Self) {

@@ -8,19 +8,15 @@ use std::time::Instant;
 use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, Outcome, Tracker, measure_laser};
 use spherecal_link::Device;
 use spherecal_plan::Plan;
-use spherecal_sim::inject::{self, HostFaultJournal};
 use spherecal_store::time::now_utc;
 use spherecal_store::{CalibrationStore, NewRun, Peer, RunInfo, SessionEnd, StoredPose};
 
-use super::connect::connect;
 use super::drive_timing::DriveTiming;
-use super::host_faults::file_lock;
 use super::journal::{REPEATED_SESSION, StoreJournal};
 use super::link::Link;
 use super::link_record::LinkRecord;
 use super::telemetry::run_key;
-use super::tracker::simulated_tracker;
-use super::{Config, JobError, Measurements, PreparedRun};
+use super::{Config, ConnectedDevice, Connection, JobError, Measurements, PreparedRun};
 
 /// Where and with whom a campaign is run.
 pub struct Site<'a> {
@@ -36,8 +32,6 @@ pub struct Site<'a> {
     pub observer: &'a mut dyn CampaignObserver,
     /// Set to stop.
     pub interrupt: &'a AtomicBool,
-    /// Faults to inject; none by default.
-    pub inject: Option<&'a inject::FaultPlan>,
     /// The device, if [`connect_early`](crate::connect_early) has connected it.
     pub device: Option<Box<dyn Device>>,
 }
@@ -58,23 +52,27 @@ pub struct MeasuredRun {
 /// Any error that stops the campaign. The recordings made until then are in the store.
 pub fn measure(prepared: &PreparedRun, site: Site<'_>, resume: Option<&RunInfo>) -> Result<MeasuredRun, JobError> {
     let begun = Instant::now();
-    if let Some(plan) = site.inject.filter(|_| !site.store.is_file()) {
-        plan.check_without_file()?;
-    }
     let repeats = site.link.simulated();
-    // A repeated run skips the moment at which its host was killed.
-    let inject = site.inject.map(|plan| match resume {
-        Some(_) if repeats => plan.without_kills(),
-        _ => plan.clone(),
-    });
     if let Link::Fri(address) = site.link {
         site.observer.note(&format!(
             "waiting for the cabinet at UDP port {}: start the application on the cabinet",
             address.port()
         ));
     }
-    let mut connected = connect(prepared, site.link, site.folder, inject.as_ref(), site.device)?;
-    let prepared = &*prepared.for_arm(connected.device.simulated());
+    let connection = Connection {
+        link: site.link,
+        folder: site.folder,
+        early: site.device,
+        repeated: resume.is_some() && repeats,
+        in_file: site.store.is_file(),
+    };
+    let ConnectedDevice {
+        mut device,
+        journal: faulty,
+        injected,
+    } = prepared.simulator.connect(prepared, connection)?;
+    let device = device.as_mut();
+    let prepared = &*prepared.for_arm(device.simulated());
     let plan = &prepared.plan;
     let had = resume
         .map(|info| site.store.read_run(info.run))
@@ -121,12 +119,11 @@ pub fn measure(prepared: &PreparedRun, site: Site<'_>, resume: Option<&RunInfo>)
         seated: &seated,
         options: prepared.config.campaign.options(),
     };
-    let device = connected.device.as_mut();
-    let (outcome, result) = match connected.host_faults.clone() {
+    let (outcome, result) = match faulty {
         None => campaign::run(&assignment, device, &mut journal, site.observer, site.interrupt),
-        Some(faults) => {
-            let mut journal = HostFaultJournal::new(&mut journal, faults, path.clone(), file_lock(path));
-            campaign::run(&assignment, device, &mut journal, site.observer, site.interrupt)
+        Some(faulty) => {
+            let mut journal = faulty(&mut journal, path);
+            campaign::run(&assignment, device, journal.as_mut(), site.observer, site.interrupt)
         }
     };
     let passed_over = journal.passed_over();
@@ -146,7 +143,7 @@ pub fn measure(prepared: &PreparedRun, site: Site<'_>, resume: Option<&RunInfo>)
         wall_s: begun.elapsed().as_secs_f64(),
         link_json: json(&LinkRecord {
             ends: [outcome.link, outcome.statistics.link],
-            injected: connected.injected(),
+            injected: injected(),
             late: outcome.statistics.late,
             drive: outcome.drive.as_ref().map(DriveTiming::from),
             simulated: outcome.statistics.simulated,
@@ -160,7 +157,7 @@ pub fn measure(prepared: &PreparedRun, site: Site<'_>, resume: Option<&RunInfo>)
     if prepared.config.laser.enabled {
         let tracker: Option<Box<dyn Tracker>> = match site.tracker {
             Some(peer) => Some(remote_tracker(peer)?),
-            None if site.link.simulated() => Some(simulated_tracker(prepared)?),
+            None if site.link.simulated() => Some(prepared.simulator.tracker(prepared)?),
             None => None,
         };
         if let Some(mut tracker) = tracker {

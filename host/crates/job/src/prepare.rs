@@ -1,60 +1,27 @@
 //! From the configuration to what is to be visited.
 
-use std::borrow::Cow;
+use std::sync::Arc;
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
-use spherecal_shared::procedure::Procedure;
-use spherecal_shared::robot::{Robot, Tool};
+use spherecal_shared::robot::Tool;
 
+use super::prepared::{PreparedRun, Simulator};
 use super::waypoints::TaughtWaypoints;
 use super::{Choice, Config, JobError};
-use spherecal_identify::Sphere;
-use spherecal_link::Drive;
 use spherecal_model::chain::Chain;
 use spherecal_model::robots::{self, RobotModel};
 use spherecal_model::{NominalCell, Placement};
 use spherecal_plan::{self as plan, Plan, PlanError, PlatePose};
-use spherecal_sim::plant::PlantConfig;
-use spherecal_sim::{RobotArm, simulated_arm};
-
-/// All data that are known before the first motion.
-#[derive(Clone, Debug)]
-pub struct PreparedRun {
-    /// Configuration.
-    pub config: Config,
-    /// Robot as the host holds it.
-    pub model: RobotModel,
-    /// Nominal robot.
-    pub robot: Robot,
-    /// Nominal tool, in the frame of the robot's table.
-    pub tool: Tool,
-    /// The plate's certificate.
-    pub spheres: Vec<Sphere>,
-    /// The plan, with the waypoints as taught, or with the simulated error of teaching.
-    pub plan: Plan,
-    /// The plan without the simulated error of teaching, where `plan` has it.
-    pub untaught: Option<Plan>,
-    /// The plant's configuration.
-    pub plant: PlantConfig,
-}
 
 /// Checks the configuration, loads the robot, makes the plan, and adds the error of the taught
 /// waypoints.
 ///
 /// # Errors
 /// Any error in the input.
-pub fn prepare(config: &Config) -> Result<PreparedRun, JobError> {
-    let Known {
-        model,
-        tool,
-        plant,
-        cell,
-    } = known(config)?;
-    let made = config.plan.make(&cell, &config.identify);
-    let mut plan = made.map_err(|error| with_a_place(error, &cell, config))?;
-    if plan.recorded() == 0 {
-        return Err(JobError::NoPose { planned: plan.planned });
-    }
+pub fn prepare(config: &Config, simulator: Arc<dyn Simulator>) -> Result<PreparedRun, JobError> {
+    config.check()?;
+    simulator.check(config)?;
+    let (Known { model, tool, cell }, mut plan) = planned(config)?;
     let chain = Chain::new(&model.robot, &tool)?;
     let taught = &config.cell.waypoints;
     let untaught = taught.is_empty().then(|| plan.clone());
@@ -76,8 +43,19 @@ pub fn prepare(config: &Config) -> Result<PreparedRun, JobError> {
         spheres: cell.spheres,
         plan,
         untaught,
-        plant,
+        simulator,
     })
+}
+
+/// What is known without a plan, and the plan, with every waypoint where it was planned.
+fn planned(config: &Config) -> Result<(Known, Plan), JobError> {
+    let known = known(config)?;
+    let made = config.plan.make(&known.cell, &config.identify);
+    let plan = made.map_err(|error| with_a_place(error, &known.cell, config))?;
+    if plan.recorded() == 0 {
+        return Err(JobError::NoPose { planned: plan.planned });
+    }
+    Ok((known, plan))
 }
 
 /// Checks the configuration, and that the arm reaches the plate in every placement. A plan of a few
@@ -90,7 +68,7 @@ pub fn check_reach(config: &Config) -> Result<(), JobError> {
     few.plan.choice = Choice::Grid;
     few.plan.poses = 6;
     (few.plan.paper, few.plan.accuracy_mm) = (false, None);
-    prepare(&few).map(drop)
+    planned(&few).map(drop)
 }
 
 /// Adds a reachable placement to the error of a plate that is out of reach.
@@ -117,44 +95,10 @@ fn with_a_place(source: PlanError, cell: &plan::Cell, config: &Config) -> JobErr
     }
 }
 
-impl PreparedRun {
-    /// The same for the arm that is there. The simulated error of teaching is for simulated arms alone: the waypoints of
-    /// any other arm, or of one of which nobody has said what it is, stay where they were planned.
-    pub(super) fn for_arm(&self, simulated: Option<bool>) -> Cow<'_, Self> {
-        match &self.untaught {
-            Some(plan) if simulated != Some(true) => Cow::Owned(Self {
-                plan: plan.clone(),
-                untaught: None,
-                ..self.clone()
-            }),
-            _ => Cow::Borrowed(self),
-        }
-    }
-
-    /// The procedure, with its limits narrowed to the space that the plan needs.
-    ///
-    /// # Errors
-    /// No plan can be made for the robot.
-    pub fn procedure(&self) -> Result<Procedure, JobError> {
-        let mut procedure = self.config.procedure;
-        let chain = Chain::new(&self.robot, &self.tool)?;
-        if let Some(bounds) = plan::Bounds::of(&self.plan, &chain) {
-            let section = &self.config.plan;
-            bounds.narrow(
-                &mut procedure.limits,
-                section.workspace_margin_m,
-                section.plate_margin_m,
-            );
-        }
-        Ok(procedure)
-    }
-}
-
 /// What is known without a plan.
 struct Known {
     model: RobotModel,
     tool: Tool,
-    plant: PlantConfig,
     cell: plan::Cell,
 }
 
@@ -167,12 +111,11 @@ fn known(config: &Config) -> Result<Known, JobError> {
         return Err(JobError::Motors { found, joints });
     }
     let tool = model.tool_in_table();
-    let plant = config.plant()?;
     let mut cell = plan::Cell {
         robot: model.robot.clone(),
         tool,
         spheres: config.cell.plate.certificate(),
-        plates: plate_poses(&plant.cell),
+        plates: plate_poses(&config.cell.nominal()),
         approach_height_m: config.plan.approach_height_m,
         obstacles: plan::Obstacles {
             sphere_radius_m: config.cell.plate.sphere_radius_m,
@@ -183,41 +126,20 @@ fn known(config: &Config) -> Result<Known, JobError> {
     if cell.robot != plan::Cell::iiwa7().robot {
         cell.tool_yaw_rad = None;
     }
-    Ok(Known {
-        model,
-        tool,
-        plant,
-        cell,
-    })
+    Ok(Known { model, tool, cell })
 }
 
-/// The simulated arm that a run with this configuration calibrates, at rest at its home frame.
+/// The robot with the tool of the configuration, the tool in the frame of the robot's table, and the joint angles of the
+/// home frame, in rad.
 ///
 /// # Errors
 /// Any error in the input.
-pub fn simulated_drive(config: &Config) -> Result<Box<dyn Drive>, JobError> {
-    let known = known(config)?;
-    let home = at_home(config, &known)?;
-    Ok(simulated_arm(&known.model.robot, &known.tool, &known.plant, &home)?)
-}
-
-/// The same arm behind a robot's own interface, for a simulated Franka robot or KUKA cabinet.
-/// `impedance`: stiffness (N m/rad) and damping (N m s/rad) that the cabinet's application sets.
-///
-/// # Errors
-/// Any error in the input; a robot with another number of joints than 7.
-pub fn simulated_robot(config: &Config, impedance: (f64, f64)) -> Result<RobotArm, JobError> {
-    let known = known(config)?;
-    let home = at_home(config, &known)?;
-    Ok(RobotArm::new(&known.model, &known.plant, &home, impedance)?)
-}
-
-/// Joint angles of the home frame, in rad.
-fn at_home(config: &Config, known: &Known) -> Result<Vec<f64>, JobError> {
-    let chain = Chain::new(&known.model.robot, &known.tool)?;
-    let home = plan::home(&known.cell, &chain, &config.plan.rules);
-    let home = home.map_err(|error| with_a_place(error, &known.cell, config))?;
-    Ok(home.joints)
+pub fn at_home(config: &Config) -> Result<(RobotModel, Tool, Vec<f64>), JobError> {
+    let Known { model, tool, cell } = known(config)?;
+    let chain = Chain::new(&model.robot, &tool)?;
+    let home = plan::home(&cell, &chain, &config.plan.rules);
+    let home = home.map_err(|error| with_a_place(error, &cell, config))?;
+    Ok((model, tool, home.joints))
 }
 
 /// The robot with the tool of the configuration.
@@ -248,6 +170,40 @@ fn plate_poses(cell: &NominalCell) -> Vec<PlatePose> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::prepared::{ConnectedDevice, Connection};
+    use spherecal_campaign::{Operator, Tracker};
+    use spherecal_identify::Options;
+    use spherecal_link::Drive;
+
+    /// A program that simulates nothing: only the plan is asked of it.
+    #[derive(Debug)]
+    struct Nothing;
+
+    impl Simulator for Nothing {
+        fn check(&self, _: &Config) -> Result<(), JobError> {
+            Ok(())
+        }
+
+        fn arm(&self, _: &PreparedRun) -> Result<Box<dyn Drive>, JobError> {
+            unreachable!()
+        }
+
+        fn guided_arm(&self, _: &PreparedRun) -> Result<(Box<dyn Drive>, Box<dyn Operator>), JobError> {
+            unreachable!()
+        }
+
+        fn tracker(&self, _: &PreparedRun) -> Result<Box<dyn Tracker + Send>, JobError> {
+            unreachable!()
+        }
+
+        fn connect(&self, _: &PreparedRun, _: Connection<'_>) -> Result<ConnectedDevice, JobError> {
+            unreachable!()
+        }
+
+        fn known_laws(&self, _: &Config, _: usize) -> Option<Options> {
+            None
+        }
+    }
 
     // Fails if the waypoints of an arm that is not surely simulated are moved by the error that the simulation adds, or
     // if a simulated arm has no such error.
@@ -256,9 +212,9 @@ mod tests {
         let mut config = Config::default();
         config.plan.choice = Choice::Grid;
         config.plan.poses = 6;
-        let with = prepare(&config).expect("a plan");
+        let with = prepare(&config, Arc::new(Nothing)).expect("a plan");
         config.campaign.taught_error_m = 0.0;
-        let without = prepare(&config).expect("a plan");
+        let without = prepare(&config, Arc::new(Nothing)).expect("a plan");
         let waypoints = |prepared: &PreparedRun| -> Vec<[f64; 3]> {
             prepared
                 .plan
@@ -284,7 +240,7 @@ mod tests {
                 joints_rad: visit.approach.joints.clone(),
             })
             .collect();
-        let taught = prepare(&config).expect("a plan");
+        let taught = prepare(&config, Arc::new(Nothing)).expect("a plan");
         assert_eq!(waypoints(&taught.for_arm(None)), waypoints(&taught));
     }
 }

@@ -1,7 +1,9 @@
 //! Results that are stored beside the recordings, and the report of a stored run.
 
+use std::sync::Arc;
+
 use super::run_report;
-use super::{JobError, Measurements, evaluate, read, summarise};
+use super::{JobError, Measurements, Simulator, evaluate, read, summarise};
 use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_report::render;
 use spherecal_store::{CalibrationStore, RunInfo, StoreError};
@@ -37,17 +39,23 @@ pub struct StoredReport {
     measurements: Measurements,
     traces: Vec<ContactTrace>,
     created_utc: String,
+    simulator: Arc<dyn Simulator>,
 }
 
 /// Reads the input of the report of a stored run.
 ///
 /// # Errors
 /// When the store fails, or holds unusable data.
-pub fn stored_report(store: &mut dyn CalibrationStore, info: &RunInfo) -> Result<StoredReport, JobError> {
+pub fn stored_report(
+    store: &mut dyn CalibrationStore,
+    info: &RunInfo,
+    simulator: Arc<dyn Simulator>,
+) -> Result<StoredReport, JobError> {
     Ok(StoredReport {
         measurements: read(store, info)?,
         traces: contact_traces(store, info.run)?,
         created_utc: info.created_utc.clone(),
+        simulator,
     })
 }
 
@@ -57,7 +65,7 @@ impl StoredReport {
     /// # Errors
     /// Recordings from which nothing can be identified.
     pub fn render(&self) -> Result<String, JobError> {
-        let evaluation = evaluate(&self.measurements)?;
+        let evaluation = evaluate(&self.measurements, self.simulator.as_ref())?;
         let summary = summarise(&self.measurements, &evaluation, &self.created_utc)?;
         let report = run_report(
             &self.measurements,

@@ -14,8 +14,8 @@ use super::hexadecimal::hexadecimal;
 use super::{DriveTiming, Evaluation, JobError, LinkRecord, Measurements};
 use spherecal_identify::validate::{Alignment, ErrorStatistics};
 use spherecal_identify::{ExpectedError, ParameterEstimate, Verdict};
+use spherecal_link::Injected;
 use spherecal_report::Certificate;
-use spherecal_sim::Injected;
 
 /// Poses, counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]

@@ -8,25 +8,6 @@ use super::waypoints::{TaughtWaypoint, TaughtWaypoints};
 use super::{JobError, Link, PreparedRun};
 use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, Operator};
 use spherecal_link::{Device, LocalDevice};
-use spherecal_sim::{OperatorCall, hand_guided_arm};
-
-/// The operator beside the simulated arm.
-struct SimulatedOperator(OperatorCall);
-
-impl Operator for SimulatedOperator {
-    fn lead(&mut self, sphere: u32) {
-        // Ids count from 1, the plate's spheres from 0.
-        self.0.lead_to(sphere.saturating_sub(1) as usize);
-    }
-
-    fn is_there(&mut self) -> bool {
-        self.0.is_there()
-    }
-
-    fn let_go(&mut self) {
-        self.0.let_go();
-    }
-}
 
 /// Has the arm led over every sphere: by a simulated hand if the arm is simulated in this process,
 /// else by `person`.
@@ -58,14 +39,10 @@ pub fn teach(
             (device, person)
         } else {
             let controller = controller(prepared, link, folder)?;
-            let height_m = prepared.config.plan.approach_height_m;
-            let (robot, tool) = (&prepared.robot, &prepared.tool);
-            let (drive, call) = hand_guided_arm(robot, tool, &prepared.plant, &plan.home.joints, height_m)?;
-            simulated = SimulatedOperator(call);
-            (
-                Box::new(LocalDevice::new(controller, drive, robot.dof())?),
-                &mut simulated,
-            )
+            let (drive, hand) = prepared.simulator.guided_arm(prepared)?;
+            simulated = hand;
+            let device = LocalDevice::new(controller, drive, prepared.robot.dof())?;
+            (Box::new(device), simulated.as_mut())
         };
     let taught = campaign::teach(&assignment, device.as_mut(), operator, observer, interrupt)?;
     Ok(TaughtWaypoints {

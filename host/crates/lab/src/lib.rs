@@ -6,15 +6,14 @@
 //! | [`reproduce`] | what does the paper's study give on one robot's recordings? |
 //! | [`faults`] | how does a run end after each fault? |
 //! | [`soak`] | what grows or drifts over hours of robot time? |
-//! | [`stability`] | how still does a seated arm hold? |
 //!
 //! [`shards`] divides the first three over many machines.
 //!
-//! The highest of the host's crates below the command line.
+//! The program `spherecal-lab` ([`cli`]) runs them; docs/lab.md describes it.
 
+pub mod cli;
 pub mod faults;
 pub mod reproduce;
 pub mod shards;
 pub mod soak;
-pub mod stability;
 pub mod worlds;

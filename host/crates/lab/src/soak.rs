@@ -11,7 +11,8 @@ use serde::Serialize;
 use spherecal_shared::protocol::host::Recording;
 
 use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, CampaignStage, Outcome, Progress};
-use spherecal_job::{JobError, PreparedRun, Site, StoreJournal, create_run, device};
+use spherecal_job::connect::device;
+use spherecal_job::{JobError, PreparedRun, Site, StoreJournal, create_run};
 use spherecal_link::Arrival;
 use spherecal_store::SessionEnd;
 use spherecal_store::time::now_utc;

@@ -32,6 +32,7 @@ mod endpoint;
 mod fault;
 mod in_process;
 mod journal;
+mod lossy;
 pub mod native;
 pub mod qemu;
 mod serial;
@@ -47,6 +48,7 @@ pub use endpoint::{Arrival, HostEndpoint, Timing};
 pub use fault::fault_name;
 pub use in_process::{InProcess, controller_in_process};
 pub use journal::{Journal, JournalError};
+pub use lossy::{Injected, Lossy, LossyError};
 pub use serial::Serial;
 pub use state_reader::{DriveReader, FrankaReader, JointReading, KukaReader, StateReader};
 

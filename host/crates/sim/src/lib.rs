@@ -27,7 +27,7 @@ pub mod worlds;
 
 pub use guided::GuidedArm;
 pub use hand_guided::{OperatorCall, hand_guided_arm};
-pub use lossy::{Injected, InjectedCounter, Lossy, LossyDevice, LossyError, LossyLink};
+pub use lossy::{InjectedCounter, LossyDevice, LossyLink};
 pub use robot_side::RobotArm;
 pub use simulated::{Disturb, SimulatedArm, SimulatedArmError, simulated_arm};
 pub use tracker::SimulatedTracker;

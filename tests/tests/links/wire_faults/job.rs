@@ -7,6 +7,7 @@ use std::sync::atomic::AtomicBool;
 use spherecal::campaign::{CampaignObserver, Progress};
 use spherecal::job::{self, Choice, Config, JobError, MeasuredRun, PreparedRun, Site, Summary};
 use spherecal::link::Arrival;
+use spherecal::simulated;
 use spherecal::store::{CalibrationStore, SqlStore, StoredRun};
 use spherecal_shared::protocol::host::{Event, Fault, FaultReport, Phase};
 
@@ -89,7 +90,7 @@ impl Job {
     /// Plans the job of `config` for the robot behind this link.
     pub(super) fn over(config: &Config, link: job::Link) -> Self {
         Self {
-            prepared: job::prepare(config).expect("a plan"),
+            prepared: simulated::prepare(config).expect("a plan"),
             folder: tempfile::tempdir().expect("a folder"),
             link,
         }
@@ -116,7 +117,6 @@ impl Job {
             store: &mut store,
             observer: &mut watch,
             interrupt: &AtomicBool::new(false),
-            inject: None,
             device: None,
         };
         let result = job::measure(&self.prepared, site, info.as_ref());
@@ -139,7 +139,7 @@ impl Job {
         let mut store = SqlStore::open(&self.database()).expect("the database");
         let info = store.require_last_run().expect("a run");
         let measured = job::read(&mut store, &info).expect("recordings");
-        let evaluation = job::evaluate(&measured).expect("a calibration");
+        let evaluation = simulated::evaluate(&measured).expect("a calibration");
         let summary = job::summarise(&measured, &evaluation, &info.created_utc).expect("a summary");
         let folder = self.folder.path();
         job::write(folder, &measured, &evaluation, &summary, &[], &info.created_utc).expect("files");

@@ -166,7 +166,7 @@ fn timed_a_session_that_falls_in_each_phase_is_recovered_from() {
 #[ignore = "timed: 1 minute of real time"]
 fn timed_a_slow_disk_stops_no_arm() {
     let (job, _robot) = panda(4);
-    let mut lock = spherecal::job::file_lock(job.database());
+    let mut lock = spherecal::simulated::file_lock(job.database());
     let mut slow = vec![Phase::Recording, Phase::Turning, Phase::Coupling];
     let session = job.measure(false, &mut |now| {
         if slow.last() == Some(&now.phase) {

@@ -5,8 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use spherecal::job::{self, Config, Link};
+use spherecal::job::{Config, Link};
 use spherecal::sim::RobotArm;
+use spherecal::simulated;
 use spherecal_cyclic::testing::{Connected, Faults, LOCAL, Relay};
 use spherecal_fci::robot::{self as fci, RobotConfig, RobotSide};
 use spherecal_fci::wire::{FlangeLoad, Version};
@@ -104,7 +105,7 @@ pub(super) struct Franka {
 impl Franka {
     /// The arm of `config` behind this version of the interface. The robot waits for `patience` for an answer.
     pub(super) fn start(config: &Config, version: Version, patience: Duration) -> Arc<Self> {
-        let arm = job::simulated_robot(config, (0.0, 0.0)).expect("an arm");
+        let arm = simulated::robot(config, (0.0, 0.0)).expect("an arm");
         let arm = Arc::new(Mutex::new(arm));
         let touched = Arc::new(AtomicBool::new(false));
         let mut config = RobotConfig::for_tests(version);
@@ -206,7 +207,7 @@ pub(super) struct Kuka {
 impl Kuka {
     /// The arm of `config` behind a cabinet that waits for `patience` for an answer.
     pub(super) fn start(config: &Config, patience: Duration) -> Arc<Self> {
-        let arm = Arc::new(Mutex::new(job::simulated_robot(config, (0.0, 0.0)).expect("an arm")));
+        let arm = Arc::new(Mutex::new(simulated::robot(config, (0.0, 0.0)).expect("an arm")));
         let probe = UdpSocket::bind(LOCAL).expect("a free port");
         let client = probe.local_addr().expect("an address");
         drop(probe);

@@ -23,8 +23,9 @@ use serde::{Deserialize, Serialize};
 
 pub use figure::{Figure, Judgement};
 pub use gravity::gravity_nm;
-pub use moving::{MovingLimits, commission_moving};
+pub use moving::commission_moving;
 pub use read_only::{ReadOnlyLimits, commission_read_only};
+pub use watch::MovingLimits;
 
 /// A step of the procedure, in its order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

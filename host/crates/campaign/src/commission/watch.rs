@@ -7,7 +7,40 @@ use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::Sample;
 use spherecal_shared::robot::JointLimits;
 
-use super::{Figure, MovingLimits};
+use super::Figure;
+
+/// What is accepted while the controller holds and moves the arm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MovingLimits {
+    /// Time of each hold, in s.
+    pub hold_s: f64,
+    /// Largest movement of a joint at zero stiffness, in rad.
+    pub sink_rad: f64,
+    /// Largest movement of a joint that soft springs hold, in rad.
+    pub soft_rad: f64,
+    /// Largest speed of a joint that is held, in rad/s.
+    pub hold_rad_s: f64,
+    /// Largest commanded torque, as a share of a joint's limit.
+    pub torque_share: f64,
+    /// Largest force of the first contact, in N.
+    pub peak_n: f64,
+    /// Largest share of control periods without a state of the robot.
+    pub missed_share: f64,
+}
+
+impl Default for MovingLimits {
+    fn default() -> Self {
+        Self {
+            hold_s: 5.0,
+            sink_rad: 0.1,
+            soft_rad: 0.05,
+            hold_rad_s: 0.1,
+            torque_share: 0.9,
+            peak_n: 40.0,
+            missed_share: 0.02,
+        }
+    }
+}
 
 /// Natural frequency of the soft springs, as a share of the usual one.
 pub(super) const SOFT: f64 = 0.4;

@@ -1,5 +1,4 @@
-//! Estimators on arms that the tests draw: diagnosis, several targets, maps of residuals.
+//! Estimators on arms that the tests draw: causes, several targets.
 
 mod diagnosis;
-mod residual_map;
 mod targets;

@@ -9,8 +9,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::calibrated::CalibratedTrial;
-use super::case::{FaultTrial, Finish, TrialEnd};
+use super::case::{CalibratedTrial, FaultTrial, Finish, TrialEnd};
 use super::judge::{CONTACT_N, HELD_N, HELD_S, KINETIC_J};
 use super::{Cases, FaultsError};
 use crate::shards::{self, ShardError, ShardedStudy};

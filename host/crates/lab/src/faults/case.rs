@@ -8,17 +8,78 @@ use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::host::{Coupled, FaultReport, Recording};
 
 use super::FaultsError;
-use super::calibrated::CalibratedTrial;
 use super::judge::{JudgedArm, look};
 use super::run_journal::RunJournal;
+use spherecal::simulated::{SimulationError, evaluate, plant, prepare};
 use spherecal_campaign::measure_laser;
 use spherecal_campaign::{self as campaign, Assignment, CampaignError, Outcome, Silent};
-use spherecal_job::{Choice, Config, JobError, PreparedRun, prepare, simulated_tracker};
+use spherecal_identify::EvaluateError;
+use spherecal_identify::validate::{Prediction, validate};
+use spherecal_job::{Choice, Config, JobError, Link, LinkRecord, Measurements, PreparedRun};
 use spherecal_link::JournalError;
 use spherecal_link::{Device, LinkError, controller_in_process};
 use spherecal_model::LaserShot;
 use spherecal_plan::Plan;
 use spherecal_sim::inject::{FaultPlan, FaultyCell, FaultyDrive, Happened, HostKilled};
+
+/// What a run's recordings calibrate to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CalibratedTrial {
+    /// Mean error on the tracker's points, base fitted, in mm. The verdict does not see them.
+    pub error_mm: f64,
+    /// Names of the checks by which the job refuses the result; none if it may be used.
+    pub refused_by: Vec<String>,
+}
+
+impl CalibratedTrial {
+    /// Evaluates a run as the job does for a user without a tracker, then measures the error on `shots`.
+    ///
+    /// # Errors
+    /// Recordings from which nothing can be identified.
+    fn of(prepared: &PreparedRun, shots: &[LaserShot], trial: &FaultTrial) -> Result<Self, FaultsError> {
+        let measured = Measurements {
+            seed: prepared.config.seed,
+            link_name: Link::Sim.to_string(),
+            robot: prepared.robot.clone(),
+            tool: prepared.tool,
+            config: prepared.config.clone(),
+            plan: prepared.plan.clone(),
+            spheres: prepared.spheres.clone(),
+            recordings: trial.recordings.clone(),
+            rejected: trial.rejected.clone(),
+            contacts: Vec::new(),
+            couplings: trial.couplings.clone(),
+            faults: trial.faults.clone(),
+            laser: Vec::new(),
+            link: LinkRecord::default(),
+            simulated_s: trial.robot_s,
+            wall_s: 0.0,
+        };
+        let found = evaluate(&measured)?;
+        let models = [Prediction {
+            name: "spheres".to_owned(),
+            points_m: shots
+                .iter()
+                .map(|s| found.calibration.tcp_m(&s.q, None).into())
+                .collect(),
+            own_base: Some(found.calibration.base),
+        }];
+        let points: Vec<[f64; 3]> = shots.iter().map(|s| s.point_m).collect();
+        let table = validate(&points, &found.calibration.base, &models)
+            .map_err(EvaluateError::from)
+            .map_err(JobError::from)?;
+        let failed = found.verdict.checks.iter().filter(|c| c.refuses && !c.passed);
+        Ok(Self {
+            error_mm: table.models.first().map_or(f64::NAN, |m| m.best_fit.mean_mm),
+            refused_by: failed.map(|c| c.name.to_owned()).collect(),
+        })
+    }
+}
+
+/// Why there is no such arm or cell, as the job says it.
+fn refused(error: impl Into<SimulationError>) -> JobError {
+    error.into().into()
+}
 
 /// One arm, its shortened tour, and the result of its undisturbed run.
 pub struct Case {
@@ -170,7 +231,7 @@ impl Case {
         case.ticks = (clean.robot_s * 1e3) as u64;
         if finish == Finish::Calibrate {
             let PreparedRun { robot, tool, .. } = &case.prepared;
-            let mut tracker = simulated_tracker(&case.prepared)?;
+            let mut tracker = case.prepared.simulator.tracker(&case.prepared)?;
             case.shots = measure_laser(robot, tool, seed, tracker.as_mut()).map_err(JobError::from)?;
             case.shots.retain(|s| s.purpose == LaserShot::VALIDATE);
             case.calibrated = Some(case.judge(&clean)?);
@@ -197,11 +258,12 @@ impl Case {
                 robot: self.plan.home.joints.len(),
             })
         })?;
-        let (drive, judgement) = JudgedArm::new(robot, tool, &self.prepared.plant, home).map_err(JobError::from)?;
+        let plant = plant(&self.prepared.config).map_err(JobError::from)?;
+        let (drive, judgement) = JudgedArm::new(robot, tool, &plant, home).map_err(refused)?;
         let drive = FaultyDrive::Simulated(Box::new(drive));
         let controller = controller_in_process(N).map_err(JobError::from)?;
         let restart = Box::new(|| controller_in_process(N));
-        let mut device = FaultyCell::new(controller, drive, N, plan, restart).map_err(JobError::from)?;
+        let mut device = FaultyCell::new(controller, drive, N, plan, restart).map_err(refused)?;
         let (happened, host_faults) = (device.happened(), device.host_faults());
         let mut records = RunJournal::new(&self.prepared, plan.faults.iter().any(|f| f.what.of_host()))?;
         let procedure = self.prepared.procedure()?;

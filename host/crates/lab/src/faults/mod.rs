@@ -1,4 +1,4 @@
-//! `spherecal faults`: injects every fault at random instants, and reports how each run ends.
+//! `spherecal-lab faults`: injects every fault at random instants, and reports how each run ends.
 //!
 //! Three experiments on a shortened procedure ([`Case`]), on all cores:
 //!
@@ -12,7 +12,6 @@
 //! Only this test harness reads the plant's truth ([`judge`]), in order to judge. None of it
 //! reaches controller, campaign or identification.
 
-mod calibrated;
 pub mod campaign;
 mod case;
 pub mod judge;
@@ -26,9 +25,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use rayon::prelude::*;
 
-pub use calibrated::CalibratedTrial;
 pub use campaign::{CampaignOptions, CampaignTable};
-pub use case::{Case, FaultTrial, Finish, TrialEnd};
+pub use case::{CalibratedTrial, Case, FaultTrial, Finish, TrialEnd};
 pub use judge::{CONTACT_N, HELD_N, HELD_S, JudgeRecord, KINETIC_J, PEAK_N, SUSTAINED_N};
 pub use matrix::{FaultRow, MatrixOptions, MatrixTable};
 pub use worst::{WorstCase, WorstOptions, WorstRow, WorstTable};
@@ -57,7 +55,7 @@ pub enum FaultsError {
         seed: u64,
     },
     /// No preset of that name.
-    #[error("\"{name}\" is not a fault: `spherecal faults --list` names all faults")]
+    #[error("\"{name}\" is not a fault: `spherecal-lab faults --list` names all faults")]
     Unknown {
         /// As given.
         name: String,

@@ -6,7 +6,8 @@ use std::collections::BTreeSet;
 use spherecal_shared::protocol::host::{Coupled, Event, Recording};
 
 use super::FaultsError;
-use spherecal_job::{JobError, Link, PreparedRun, StoreJournal, create_run, file_lock};
+use spherecal::simulated::file_lock;
+use spherecal_job::{JobError, Link, PreparedRun, StoreJournal, create_run};
 use spherecal_link::Arrival;
 use spherecal_link::{Journal, JournalError};
 use spherecal_sim::inject::{HostFaultJournal, HostFaults};

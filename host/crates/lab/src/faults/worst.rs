@@ -1,4 +1,4 @@
-//! `spherecal faults --worst`: searches for the instants at which a fault does most harm.
+//! `spherecal-lab faults --worst`: searches for the instants at which a fault does most harm.
 //!
 //! Random instants miss the rare ones. For each fault the search first covers phases, entries of the
 //! phase, times in it, arms and, for a push, its direction, size and duration. Then it varies the

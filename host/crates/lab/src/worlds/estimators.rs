@@ -19,7 +19,7 @@ fn known_laws_options(trial: &Trial) -> Option<Options> {
     plant.geometry.length_sigma_m *= trial.truth.geometry_scale;
     plant.geometry.alpha_sigma_rad *= trial.truth.geometry_scale;
     plant.geometry.theta_sigma_rad *= trial.truth.geometry_scale;
-    Some(spherecal_job::known_laws_options(&plant, iiwa7().dof()))
+    Some(spherecal::simulated::known_laws_options(&plant, iiwa7().dof()))
 }
 
 impl From<&Trial> for Recordings {

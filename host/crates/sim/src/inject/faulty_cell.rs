@@ -17,9 +17,9 @@ use super::host_killed::{HostKilled, end_process};
 use super::listener::PhaseListener;
 use super::plan::{FaultPlan, InjectError};
 use super::scheduler::Scheduler;
-use spherecal_link::{Controller, Device, LinkError, check_hello};
+use spherecal_link::{Controller, Device, LinkError, Lossy, check_hello};
 
-use crate::lossy::{InjectedCounter, Lossy, LossyLink};
+use crate::lossy::{InjectedCounter, LossyLink};
 use crate::plant::{Disturbance, TorqueSensorFault};
 
 /// Periods without a new command after which a drive closes its brakes, as docs/drive-link.md says:

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::host::Phase;
 
 use super::fault::InjectedFault;
-use crate::lossy::{Lossy, LossyError};
+use spherecal_link::{Lossy, LossyError};
 
 /// When a fault begins.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -96,18 +96,17 @@ pub struct FaultPlan {
 #[derive(Debug, thiserror::Error)]
 pub enum InjectError {
     /// Neither a preset nor a file.
-    #[error(
-        "\"{name}\" is neither a preset nor a file that can be read ({source}): \
-         `spherecal faults --list` names the presets"
-    )]
+    #[error("\"{name}\" is neither a preset nor a file that can be read ({source}). The presets: {presets}")]
     Unknown {
         /// As given.
         name: String,
         /// What the system said.
         source: std::io::Error,
+        /// Names of the presets.
+        presets: String,
     },
     /// The file is not TOML, or contains an unknown name.
-    #[error("{path}: {message}\nremedy: `spherecal faults --show NAME` prints a preset as a file")]
+    #[error("{path}: {message}\nremedy: `spherecal-lab faults --show NAME` prints a preset as a file")]
     Syntax {
         /// File.
         path: String,

@@ -6,7 +6,7 @@ use spherecal_shared::protocol::host::{Fault, Phase};
 
 use super::fault::{InjectedFault, NotReadyStatus};
 use super::plan::{FaultPlan, InjectError, When};
-use crate::lossy::Lossy;
+use spherecal_link::Lossy;
 
 /// A plan with a name.
 #[derive(Clone, Copy, Debug)]
@@ -336,6 +336,7 @@ impl FaultPlan {
         let text = std::fs::read_to_string(Path::new(name)).map_err(|source| InjectError::Unknown {
             name: name.to_owned(),
             source,
+            presets: PRESETS.iter().map(|preset| preset.name).collect::<Vec<_>>().join(", "),
         })?;
         Self::parse(name, &text)
     }

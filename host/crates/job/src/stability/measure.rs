@@ -5,11 +5,9 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use super::{Hold, SampleKeeper};
+use crate::connect::reliable;
+use crate::{ConfigError, JobError, Link, PreparedRun};
 use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, NoJournal, Outcome, RunOptions};
-use spherecal_job::connect::{controller, distant};
-use spherecal_job::{ConfigError, JobError, Link, PreparedRun};
-use spherecal_link::{Device, LocalDevice};
-use spherecal_sim::simulated_arm;
 
 /// Holds for `hold_ticks` control periods at `places` poses, spread evenly over the plan; passes
 /// through the others. Stores nothing.
@@ -55,13 +53,7 @@ pub fn hold(
         },
     };
     let joints = prepared.robot.dof();
-    let mut device: Box<dyn Device> = if let Some(device) = distant(&prepared.model, &prepared.config, link)? {
-        device
-    } else {
-        let controller = controller(prepared, link, folder)?;
-        let drive = simulated_arm(&prepared.robot, &prepared.tool, &prepared.plant, &plan.home.joints)?;
-        Box::new(LocalDevice::new(controller, drive, joints)?)
-    };
+    let mut device = reliable(prepared, link, folder)?;
     let mut listener = SampleKeeper::new(observer, joints);
     let (outcome, result) = campaign::run(&assignment, device.as_mut(), &mut NoJournal, &mut listener, interrupt);
     let holds = listener.finish();

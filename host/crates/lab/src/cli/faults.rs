@@ -1,10 +1,10 @@
-//! `spherecal faults`: what becomes of every fault.
+//! `spherecal-lab faults`: what becomes of every fault.
 
 use clap::Args;
 
-use super::exit::{CliError, Exit};
 use super::sharding::{self, ShardArgs, ShardFolder};
-use spherecal_lab::faults::{CampaignOptions, MatrixOptions, WorstOptions, campaign, matrix, worst};
+use crate::faults::{CampaignOptions, MatrixOptions, WorstOptions, campaign, matrix, worst};
+use spherecal::cli::{CliError, Exit};
 use spherecal_sim::inject::{FaultPlan, PRESETS};
 
 /// Arguments of `faults`.
@@ -45,7 +45,7 @@ pub struct FaultsArgs {
     pub json: bool,
 }
 
-/// `spherecal faults`
+/// `spherecal-lab faults`
 pub(super) fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
     if args.list {
         for preset in PRESETS {
@@ -72,7 +72,7 @@ pub(super) fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
             return sharding::one(&options, shard, folder, args.json);
         }
         let table = if args.part.merge {
-            campaign::merge(folder).map_err(CliError::from_shard)?
+            campaign::merge(folder).map_err(sharding::refused)?
         } else {
             campaign::run(&options).map_err(CliError::job)?
         };
@@ -99,7 +99,7 @@ pub(super) fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
         return sharding::one(&options, shard, folder, args.json);
     }
     let table = if args.part.merge {
-        matrix::merge(folder).map_err(CliError::from_shard)?
+        matrix::merge(folder).map_err(sharding::refused)?
     } else {
         matrix::run(&options).map_err(CliError::job)?
     };

@@ -3,12 +3,18 @@
 //! The descriptions are the fields' own doc comments. They are read from the compiled sources, so
 //! they always agree with the program's documentation. A field without a comment fails a test.
 
+use schemars::SchemaGenerator;
 use serde::Serialize;
 use serde_json::Value;
+use spherecal_job::{Config, ConfigError, JobError};
 use spherecal_sim::plant::PlantConfig;
 use toml::Table;
 
-use super::{Config, ConfigError};
+use crate::simulated::plant;
+
+/// What `[plant]` is.
+const PLANT: &str = "The simulated arm: the name of a `preset` (default: `as_measured`), and the errors that differ from it. \
+                     A real arm does not use this section.";
 
 /// Width of wrapped comments, in characters.
 const WIDTH: usize = 100;
@@ -19,44 +25,51 @@ struct WholePlant {
     plant: PlantConfig,
 }
 
-impl Config {
-    /// The whole tree as TOML, with every field and its description. Fields that are left out by
-    /// default appear as comments.
-    ///
-    /// # Errors
-    /// An impossible plant.
-    pub fn to_documented_toml(&self) -> Result<String, ConfigError> {
-        let encode = |message: String| ConfigError::Syntax {
-            path: "configuration".to_owned(),
-            message,
-        };
-        let without_plant = Self {
-            plant: Table::new(),
-            ..self.clone()
-        };
-        let plant = WholePlant { plant: self.plant()? };
-        let mut text = without_plant.to_toml()?;
+/// The whole tree as TOML, with every field and its description. Fields that are left out by default appear as comments.
+///
+/// # Errors
+/// An impossible plant.
+pub(super) fn documented(config: &Config) -> Result<String, JobError> {
+    let encode = |message: String| ConfigError::Syntax {
+        path: "configuration".to_owned(),
+        message,
+    };
+    let without_plant = Config {
+        plant: Table::new(),
+        ..config.clone()
+    };
+    let plant = WholePlant { plant: plant(config)? };
+    let mut text = without_plant.to_toml()?;
+    text.push('\n');
+    let plant = toml::to_string(&plant).map_err(|e| encode(e.to_string()))?;
+    // The plant's seed is the run's, unless the user set one for the plant.
+    let shown = |line: &&str| config.plant.contains_key("seed") || !line.starts_with("seed = ");
+    for line in plant.lines().filter(shown) {
+        text.push_str(line);
         text.push('\n');
-        let plant = toml::to_string(&plant).map_err(|e| encode(e.to_string()))?;
-        // The plant's seed is the run's, unless the user set one for the plant.
-        let shown = |line: &&str| self.plant.contains_key("seed") || !line.starts_with("seed = ");
-        for line in plant.lines().filter(shown) {
-            text.push_str(line);
-            text.push('\n');
-        }
-        let table: Table = toml::from_str(&text).map_err(|e| encode(e.to_string()))?;
-        let schema = schemars::schema_for!(Self).to_value();
-        let mut out = String::from(
-            "# Configuration of spherecal. A field that is left out has the value that\n\
-             # `spherecal config --print` shows. SI units unless the name says otherwise.\n\n",
-        );
-        let root = SchemaNode {
-            schema: &schema,
-            root: &schema,
-        };
-        describe(&mut out, &text, &table, root);
-        Ok(out)
     }
+    let table: Table = toml::from_str(&text).map_err(|e| encode(e.to_string()))?;
+    let schema = schema();
+    let mut out = String::from(
+        "# Configuration of spherecal. A field that is left out has the value that\n\
+         # `spherecal config --print` shows. SI units unless the name says otherwise.\n\n",
+    );
+    let root = SchemaNode {
+        schema: &schema,
+        root: &schema,
+    };
+    describe(&mut out, &text, &table, root);
+    Ok(out)
+}
+
+/// The schema of the configuration, with that of the simulated arm in its place.
+fn schema() -> Value {
+    let mut generator = SchemaGenerator::default();
+    let mut plant = generator.subschema_for::<PlantConfig>().to_value();
+    plant["description"] = PLANT.into();
+    let mut schema = generator.into_root_schema_for::<Config>().to_value();
+    schema["properties"]["plant"] = plant;
+    schema
 }
 
 /// A part of the schema: one type or one field.
@@ -221,7 +234,7 @@ mod tests {
     #[test]
     fn every_field_is_described_and_reads_back() {
         let config = Config::default();
-        let text = config.to_documented_toml().expect("encodes");
+        let text = documented(&config).expect("encodes");
         let mut before = "";
         let mut fields = 0;
         for line in text.lines() {
@@ -234,7 +247,7 @@ mod tests {
         }
         assert!(fields > 150, "{fields} fields");
         let read: Config = toml::from_str(&text).expect("parses");
-        assert_eq!(read.plant().expect("plant"), config.plant().expect("plant"));
+        assert_eq!(plant(&read).expect("plant"), plant(&config).expect("plant"));
         let mut read = read;
         read.plant = config.plant.clone();
         assert_eq!(read, config);
@@ -243,7 +256,7 @@ mod tests {
     // Fails if a choice does not say what it may be.
     #[test]
     fn choices_are_listed() {
-        let text = Config::default().to_documented_toml().expect("encodes");
+        let text = documented(&Config::default()).expect("encodes");
         for choices in [
             "One of \"optimal\", \"grid\".\nchoice = \"optimal\"",
             "One of \"motor\", \"link\".\nside = \"motor\"",
@@ -260,9 +273,9 @@ mod tests {
         let text = "seed = 9\n[cell.tool]\ntcp_mm = [1.0, 2.0, 3.0]\n[plan]\npatience = 0.5\n\
                     [identify.parameters.\"odd name\"]\nprior_sigma = 5e-5\n[plant]\npreset = \"ideal\"\nseed = 4\n";
         let config: Config = toml::from_str(text).expect("parses");
-        let printed = config.to_documented_toml().expect("encodes");
+        let printed = documented(&config).expect("encodes");
         let read: Config = toml::from_str(&printed).expect("reads");
-        assert_eq!(read.plant().expect("plant"), config.plant().expect("plant"));
+        assert_eq!(plant(&read).expect("plant"), plant(&config).expect("plant"));
         assert_eq!((read.seed, &read.cell, &read.plan), (9, &config.cell, &config.plan));
         assert_eq!(read.identify, config.identify);
     }

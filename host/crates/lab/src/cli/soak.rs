@@ -1,15 +1,15 @@
-//! `spherecal soak`: the same cell for hours of robot time.
+//! `spherecal-lab soak`: the same cell for hours of robot time.
 
 use std::path::PathBuf;
 
 use clap::Args;
 
-use super::exit::{CliError, Exit};
-use super::interrupt::interrupt;
-use super::out::{out, outln};
-use super::progress::ProgressView;
+use crate::soak::{Soak, soak};
+use spherecal::cli::{CliError, Exit};
+use spherecal::cli::{ProgressView, interrupt};
+use spherecal::simulated::prepare;
+use spherecal::{out, outln};
 use spherecal_job::{self as job, Link, Site};
-use spherecal_lab::soak::{Soak, soak};
 use spherecal_store::SqlStore;
 
 /// Arguments of `soak`.
@@ -35,7 +35,7 @@ pub struct SoakArgs {
     pub json: bool,
 }
 
-/// `spherecal soak`
+/// `spherecal-lab soak`
 pub(super) fn run(args: &SoakArgs) -> Result<Exit, CliError> {
     if !(args.hours > 0.0 && args.hours <= 10_000.0) {
         return Err(CliError::input(format!(
@@ -50,8 +50,7 @@ pub(super) fn run(args: &SoakArgs) -> Result<Exit, CliError> {
     };
     config.seed = args.seed.unwrap_or(config.seed);
     config.plan.poses = args.poses.unwrap_or(config.plan.poses);
-    config.check()?;
-    let prepared = job::prepare(&config)?;
+    let prepared = prepare(&config)?;
     let path = args.out.join("soak.db");
     let mut store = SqlStore::create_or_open(&path)?;
     let _claim = SqlStore::claim(&path)?;
@@ -62,7 +61,6 @@ pub(super) fn run(args: &SoakArgs) -> Result<Exit, CliError> {
         folder: &args.out,
         store: &mut store,
         observer: &mut view,
-        inject: None,
         interrupt: &interrupt,
         device: None,
     };

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::exit::{CliError, Exit};
-use super::out::outln;
-use spherecal_lab::shards::{Shard, ShardError, ShardedStudy, run_shard};
+use crate::shards::{Shard, ShardError, ShardedStudy, run_shard};
+use spherecal::cli::{CliError, Exit};
+use spherecal::outln;
 
 /// Arguments of a study that several machines can share.
 #[derive(Args, Clone, Debug)]
@@ -29,7 +29,7 @@ pub struct ShardFolder {
 
 /// Works on one shard, and says what it did.
 pub(super) fn one<S: ShardedStudy>(study: &S, shard: Shard, folder: &Path, json: bool) -> Result<Exit, CliError> {
-    let done = run_shard(study, shard, folder, !json).map_err(CliError::from_shard)?;
+    let done = run_shard(study, shard, folder, !json).map_err(refused)?;
     if json {
         outln!("{}", serde_json::to_string_pretty(&done).map_err(CliError::job)?);
     } else {
@@ -44,13 +44,11 @@ pub(super) fn one<S: ShardedStudy>(study: &S, shard: Shard, folder: &Path, json:
     Ok(Exit::Done)
 }
 
-impl CliError {
-    /// Sorts out whose fault it is.
-    pub(super) fn from_shard(error: ShardError) -> Self {
-        if error.is_input() {
-            Self::input(error)
-        } else {
-            Self::job(error)
-        }
+/// Tells the user's error (exit code 2) from a failure of the study (1).
+pub(super) fn refused(error: ShardError) -> CliError {
+    if error.is_input() {
+        CliError::input(error)
+    } else {
+        CliError::job(error)
     }
 }

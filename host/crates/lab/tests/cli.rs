@@ -1,17 +1,114 @@
-//! Studies on several machines: shards, their merge, and the examples for clusters.
+//! The program of the studies: its commands and their refusals; studies on several machines: shards, their merge, and
+//! the examples for clusters.
+#![cfg(unix)]
 
-use std::path::Path;
-use std::process::Command;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use clap::Parser as _;
+use clap::error::ErrorKind;
 use granit_parser::{Event, Parser};
+use spherecal_lab::cli::LabCli;
 
-use crate::docs::root;
-use crate::support::{PROGRAM, spherecal, start, text};
+/// The program under test.
+const PROGRAM: &str = env!("CARGO_BIN_EXE_spherecal-lab");
+
+/// Runs the program in `folder` to its end.
+fn run(folder: &Path, arguments: &[&str]) -> Output {
+    let mut command = Command::new(PROGRAM);
+    command
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .expect("the program starts")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// The root of the repository.
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../..")
+}
+
+/// All pages of the documentation.
+fn pages() -> Vec<PathBuf> {
+    let (mut pages, mut folders) = (vec![root().join("README.md")], vec![root().join("docs")]);
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).expect("a folder of the book") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "md") {
+                pages.push(path);
+            }
+        }
+    }
+    pages
+}
+
+// Fails if a page shows a command, an option or a value that the program refuses.
+#[test]
+fn every_command_in_the_documentation_is_one_that_the_program_takes() {
+    let (mut checked, mut wrong) = (0, Vec::new());
+    for page in pages() {
+        let words = std::fs::read_to_string(&page).expect("a page");
+        let shown = words.lines().filter_map(|line| line.strip_prefix("$ "));
+        let named = words.split('`').filter(|code| !code.contains('\n'));
+        for line in shown.chain(named).filter(|line| line.starts_with("spherecal-lab ")) {
+            let command = line.split(['#', '|', '>', '&']).next().unwrap_or_default();
+            checked += 1;
+            match LabCli::try_parse_from(command.split_whitespace()) {
+                Err(error) if error.kind() != ErrorKind::DisplayHelp => wrong.push(format!("{line}: {error}")),
+                _ => {}
+            }
+        }
+    }
+    assert!(checked >= 15, "{checked} commands");
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+// Fails if a wrong value is not refused with exit code 2 and the values that there are, or if a study without a run or a
+// fault without a name ends otherwise.
+#[test]
+fn wrong_values_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let cases: [(&[&str], &[&str]); 5] = [
+        (&["worlds", "--world", "W9"], &["W9", "W0, W1"]),
+        (&["worlds", "--estimator", "best"], &["best", "sphere"]),
+        (
+            &["faults", "--only", "earthquake"],
+            &["\"earthquake\" is not a fault", "--list"],
+        ),
+        (&["soak", "--hours", "-1"], &["--hours is -1", "at most 10000"]),
+        (&[], &["Usage: spherecal-lab"]),
+    ];
+    for (arguments, parts) in cases {
+        let output = run(folder.path(), arguments);
+        let told = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {told}");
+        assert!(parts.iter().all(|part| told.contains(part)), "{arguments:?}: {told}");
+    }
+}
+
+// Fails if a fault that `faults --list` names cannot be printed as a file.
+#[test]
+fn the_faults_are_listed_and_shown() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let list = said(folder.path(), &["faults", "--list"]);
+    let names: Vec<&str> = list.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    assert!(names.contains(&"human_push"), "{list}");
+    for name in names {
+        let file = said(folder.path(), &["faults", "--show", name]);
+        assert!(file.contains('='), "{name}: {file}");
+    }
+}
 
 /// What a command prints; it must end well.
 fn said(folder: &Path, arguments: &[&str]) -> String {
-    let output = spherecal(folder, arguments);
+    let output = run(folder, arguments);
     assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
     text(&output.stdout)
 }
@@ -95,7 +192,13 @@ fn long_a_killed_shard_goes_on() {
     let shard = [&study[..], &["--shard", "1/1", "--out", "study"]].concat();
     let file = folder.join("study/worlds-shard-1-of-1.jsonl");
     let lines = || std::fs::read_to_string(&file).map_or(0, |text| text.lines().count());
-    let mut child = start(folder, &shard);
+    let mut child = Command::new(PROGRAM)
+        .args(&shard)
+        .current_dir(folder)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
     let begun = Instant::now();
     while lines() < 4 && begun.elapsed() < Duration::from_mins(5) {
         std::thread::sleep(Duration::from_millis(5));
@@ -178,7 +281,7 @@ fn long_wrong_shards_are_refused() {
         (vec!["faults", "--worst", "--shard", "1/3"], &["cannot be used with"]),
     ];
     for (arguments, parts) in cases {
-        let output = spherecal(folder, &arguments);
+        let output = run(folder, &arguments);
         let told = text(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {told}");
         assert!(parts.iter().all(|part| told.contains(part)), "{arguments:?}: {told}");
@@ -207,7 +310,7 @@ fn argument(manifest: &str) -> String {
         _ => String::new(),
     });
     let words: Vec<String> = scalars.collect();
-    let found = words.iter().find(|word| word.starts_with("exec spherecal"));
+    let found = words.iter().find(|word| word.starts_with("exec spherecal-lab"));
     found.unwrap_or_else(|| panic!("{manifest}")).clone()
 }
 

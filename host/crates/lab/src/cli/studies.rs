@@ -1,4 +1,4 @@
-//! `spherecal reproduce` and `spherecal worlds`: the studies.
+//! `spherecal-lab reproduce` and `spherecal-lab worlds`: the studies.
 
 use std::path::PathBuf;
 
@@ -6,16 +6,16 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser as _;
 
-use super::exit::{CliError, Exit};
-use super::out::{errln, out, outln};
 use super::sharding::{self, ShardArgs, ShardFolder};
-use spherecal_identify::{Estimator, Recordings};
-use spherecal_job as job;
-use spherecal_lab::reproduce::{ManyOptions, merge_many, reproduce as study, reproduce_many};
-use spherecal_lab::worlds::{
+use crate::reproduce::{ManyOptions, merge_many, reproduce as study, reproduce_many};
+use crate::worlds::{
     Chosen, CompareOptions, Comparison, PlanOptions, World, compare, compare_plans, merge_comparison, merge_plans,
     planned_poses, record,
 };
+use spherecal::cli::{CliError, Exit};
+use spherecal::{errln, out, outln};
+use spherecal_identify::{Estimator, Recordings};
+use spherecal_job as job;
 use spherecal_report::export::{Format, TableFile};
 use spherecal_store::{CalibrationStore as _, SqlStore};
 
@@ -87,7 +87,7 @@ fn estimator(name: String) -> Estimator {
     found.unwrap_or(Estimator::Sphere)
 }
 
-/// `spherecal reproduce --robots N`
+/// `spherecal-lab reproduce --robots N`
 fn reproduce_on_many(args: &ReproduceArgs, robots: u64) -> Result<Exit, CliError> {
     let options = ManyOptions {
         world: args.world.unwrap_or(World::W1),
@@ -101,10 +101,10 @@ fn reproduce_on_many(args: &ReproduceArgs, robots: u64) -> Result<Exit, CliError
     }
 }
 
-/// `spherecal reproduce`
+/// `spherecal-lab reproduce`
 pub(super) fn reproduce(args: &ReproduceArgs) -> Result<Exit, CliError> {
     if args.part.merge {
-        return print(&merge_many(&args.out).map_err(CliError::from_shard)?, args.json);
+        return print(&merge_many(&args.out).map_err(sharding::refused)?, args.json);
     }
     if let Some(robots) = args.robots {
         return reproduce_on_many(args, robots);
@@ -163,7 +163,7 @@ pub(super) fn reproduce(args: &ReproduceArgs) -> Result<Exit, CliError> {
     })
 }
 
-/// `spherecal worlds`
+/// `spherecal-lab worlds`
 pub(super) fn worlds(args: &WorldsArgs) -> Result<Exit, CliError> {
     let folder = &args.folder.out;
     if args.rows == Some(RowsFormat::Parquet) && cfg!(not(feature = "parquet")) {
@@ -185,12 +185,12 @@ pub(super) fn worlds(args: &WorldsArgs) -> Result<Exit, CliError> {
         };
         return match args.part.shard {
             Some(shard) => sharding::one(&options, shard, folder, args.json),
-            None if args.part.merge => print(&merge_plans(folder).map_err(CliError::from_shard)?, args.json),
+            None if args.part.merge => print(&merge_plans(folder).map_err(sharding::refused)?, args.json),
             None => print(&compare_plans(&options).map_err(CliError::job)?, args.json),
         };
     }
     if args.part.merge {
-        return compared(args, &merge_comparison(folder).map_err(CliError::from_shard)?);
+        return compared(args, &merge_comparison(folder).map_err(sharding::refused)?);
     }
     let mut options = CompareOptions {
         worlds,

@@ -1,0 +1,117 @@
+//! The device of a run, with the injected faults around it.
+
+use spherecal_job::connect::{controller, reliable};
+use spherecal_job::{ConnectedDevice, Connection, FaultyJournal, JobError, Link, PreparedRun};
+use spherecal_link::qemu::{Qemu, QemuOptions};
+use spherecal_link::tcp::{TcpDrive, check_limits};
+use spherecal_link::{Controller, Device, Drive as _, Injected, LinkError, controller_in_process};
+use spherecal_sim::inject::{FaultPlan, FaultyCell, FaultyDrive, HostFaultJournal};
+use spherecal_sim::{InjectedCounter, LossyDevice, simulated_arm};
+
+use super::{SimulationError, file_lock, plant};
+
+/// The device behind a link, with the faults of `inject` and the losses of `[host_link]`.
+pub(super) fn connect(
+    inject: Option<&FaultPlan>,
+    prepared: &PreparedRun,
+    connection: Connection<'_>,
+) -> Result<ConnectedDevice, JobError> {
+    if let Some(plan) = inject.filter(|_| !connection.in_file) {
+        plan.check_without_file().map_err(SimulationError::from)?;
+    }
+    // A repeated run skips the moment at which its host was killed.
+    let inject = inject.map(|plan| {
+        if connection.repeated {
+            plan.without_kills()
+        } else {
+            plan.clone()
+        }
+    });
+    let mut counters: Vec<InjectedCounter> = Vec::new();
+    let mut journal = None;
+    let mut device: Box<dyn Device> = match (connection.early, &inject) {
+        (Some(device), _) => device,
+        (None, None) => reliable(prepared, connection.link, connection.folder)?,
+        (None, Some(plan)) => {
+            let cell = faulty(prepared, connection.link, connection.folder, plan)?;
+            counters.push(cell.injected());
+            let faults = cell.host_faults();
+            let around: FaultyJournal = Box::new(move |journal, path| {
+                Box::new(HostFaultJournal::new(
+                    journal,
+                    faults.clone(),
+                    path.clone(),
+                    file_lock(path),
+                ))
+            });
+            journal = Some(around);
+            Box::new(cell)
+        }
+    };
+    let lossy = inject
+        .and_then(|plan| plan.host_link)
+        .unwrap_or(prepared.config.host_link);
+    if lossy.is_active() {
+        let around = LossyDevice::new(device, lossy);
+        counters.push(around.injected());
+        device = Box::new(around);
+    }
+    Ok(ConnectedDevice {
+        device,
+        journal,
+        injected: Box::new(move || {
+            counters
+                .iter()
+                .fold(Injected::default(), |sum, one| sum.plus(one.get()))
+        }),
+    })
+}
+
+/// A controller and a drive in lock-step, with faults between them.
+fn faulty(
+    prepared: &PreparedRun,
+    link: &Link,
+    folder: &std::path::Path,
+    plan: &FaultPlan,
+) -> Result<FaultyCell, JobError> {
+    let joints = prepared.robot.dof();
+    let drive = match link {
+        Link::Tcp(address) => FaultyDrive::Other(Box::new(lock_step_drive(prepared, link, address)?)),
+        Link::Serial(_) | Link::Controller(_) | Link::Grpc(_) | Link::Franka { .. } | Link::Fri(_) => {
+            return Err(no_injection(link));
+        }
+        Link::Sim | Link::Qemu => {
+            let (robot, tool, home) = (&prepared.robot, &prepared.tool, &prepared.plan.home.joints);
+            let plant = plant(&prepared.config)?;
+            let arm = simulated_arm(robot, tool, &plant, home);
+            FaultyDrive::Simulated(arm.map_err(SimulationError::from)?)
+        }
+    };
+    let first = controller(prepared, link, folder)?;
+    let (link, folder) = (link.clone(), folder.to_owned());
+    let restart = Box::new(move || match link {
+        Link::Qemu => Ok(Box::new(Qemu::start(&QemuOptions::new(&folder))?) as Box<dyn Controller>),
+        _ => controller_in_process(joints),
+    });
+    let cell = FaultyCell::new(first, drive, joints, plan, restart).map_err(SimulationError::from)?;
+    Ok(cell.ending_process())
+}
+
+/// A drive in lock-step, as fault injection needs it.
+fn lock_step_drive(prepared: &PreparedRun, link: &Link, address: &str) -> Result<TcpDrive, JobError> {
+    let drive = TcpDrive::connect(address).map_err(LinkError::from)?;
+    check_limits(&drive.hello().limits, &prepared.robot).map_err(LinkError::from)?;
+    if drive.hello().lock_step {
+        Ok(drive)
+    } else {
+        Err(no_injection(link))
+    }
+}
+
+fn no_injection(link: &Link) -> JobError {
+    JobError::NoInjection {
+        link: link.to_string(),
+        remedy: "faults can be injected only between a controller and a drive in lock-step: use sim, qemu or the tcp: link of such a drive"
+            .to_owned(),
+    }
+}
