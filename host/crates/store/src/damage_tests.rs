@@ -40,8 +40,7 @@ fn database(folder: &Path) -> (PathBuf, Vec<Recording>) {
 fn read(path: &Path) -> Result<Vec<Recording>, StoreError> {
     let mut store = SqlStore::open(path)?;
     let info = store.require_last_run()?;
-    store.spheres(info.run)?;
-    store.recordings(info.run)
+    Ok(CalibrationStore::read_run(&mut store, info.run)?.recordings)
 }
 
 // Fails if a database of the first schema is refused, loses or changes data, or cannot be written

@@ -52,8 +52,8 @@ impl SqlStore {
         self.write_events(run, events, KnownEvent::Stays)
     }
 
-    /// Like [`append`](Self::append), but stored events with the same numbers are replaced, except
-    /// recordings. For a run that is repeated from its start.
+    /// Like [`append`](Self::append), but stored events with the same numbers are replaced. A recording keeps
+    /// its values and gets the place of its repetition. For a run that is repeated from its start.
     pub(super) fn rewrite(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
         self.write_events(run, events, KnownEvent::IsReplaced)
     }
@@ -77,7 +77,7 @@ impl SqlStore {
                     Event::Phase(phase) => insert_phase(t, key, phase).await?,
                     Event::Contact(contact) => insert_contact(t, key, contact).await?,
                     Event::Coupled(coupled) => insert_coupled(t, key, coupled).await?,
-                    Event::Recording(recording) => insert_recording(t, run, session, recording).await?,
+                    Event::Recording(recording) => insert_recording(t, key, recording, known).await?,
                     Event::Fault(fault) => insert_fault(t, key, fault).await?,
                     Event::Banner(_)
                     | Event::Held { .. }
@@ -238,17 +238,34 @@ async fn insert_fault(t: &mut AnyConnection, key: EventKey, fault: &FaultReport)
     put(t, &FAULTS, key, insert).await
 }
 
-async fn insert_recording(t: &mut AnyConnection, run: i64, session: i64, r: &Recording) -> Result<(), sqlx::Error> {
+/// Where a recording stands among those of its run: by session, then by event. It depends on nothing that
+/// can be lost, so a recording that is made again comes to the place that it had.
+///
+/// An event has the number of its handshake above its lowest 32 bits.
+fn position_of((_, session, event): EventKey) -> i64 {
+    (session << 48) | event
+}
+
+/// Writes a recording. One that is stored already stays as it is; of a run that is repeated from its start,
+/// it gets the place at which the repetition made it.
+async fn insert_recording(
+    t: &mut AnyConnection,
+    key: EventKey,
+    r: &Recording,
+    known: KnownEvent,
+) -> Result<(), sqlx::Error> {
+    let (run, session, _) = key;
     let [fx, fy, fz] = r.force_n;
+    let of_pose = [Key::Whole(r.sphere.into()), Key::Whole(r.pose.into())];
     let inserted = sqlx::query(
         "INSERT INTO recordings (run, sphere, pose, position, session, start_us, end_us, samples, gaps, tcp_spread_m, \
          force_x_n, force_y_n, force_z_n) \
-         VALUES ($1, $2, $3, (SELECT COUNT(*) FROM recordings WHERE run = $1), $4, $5, $6, $7, $8, $9, $10, $11, $12) \
-         ON CONFLICT DO NOTHING",
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13) ON CONFLICT DO NOTHING",
     )
     .bind(run)
     .bind(i64::from(r.sphere))
     .bind(i64::from(r.pose))
+    .bind(position_of(key))
     .bind(session)
     .bind(r.start_us as i64)
     .bind(r.end_us as i64)
@@ -261,10 +278,25 @@ async fn insert_recording(t: &mut AnyConnection, run: i64, session: i64, r: &Rec
     .execute(&mut *t)
     .await?;
     if inserted.rows_affected() == 0 {
+        if known == KnownEvent::IsReplaced {
+            let moved = sqlx::query(
+                "UPDATE recordings SET position = $4, session = $5 \
+                 WHERE run = $1 AND sphere = $2 AND pose = $3 AND (position <> $4 OR session <> $5)",
+            )
+            .bind(run)
+            .bind(i64::from(r.sphere))
+            .bind(i64::from(r.pose))
+            .bind(position_of(key))
+            .bind(session)
+            .execute(&mut *t)
+            .await?;
+            if moved.rows_affected() > 0 {
+                seal(t, &RECORDINGS, run, &of_pose).await?;
+            }
+        }
         return Ok(());
     }
-    let key = [Key::Whole(r.sphere.into()), Key::Whole(r.pose.into())];
-    seal(t, &RECORDINGS, run, &key).await?;
+    seal(t, &RECORDINGS, run, &of_pose).await?;
     let subject = recording_subject(r.sphere, r.pose);
     put_digest(t, run, &subject, digest::of_recording(r)).await?;
     if r.q.is_empty() || r.tau.is_empty() {

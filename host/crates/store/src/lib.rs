@@ -32,6 +32,7 @@ mod fleet;
 pub mod history;
 mod location;
 mod lock;
+mod log;
 mod open;
 mod peer;
 mod read;
@@ -138,6 +139,8 @@ thread_local! {
     static STATEMENTS: std::cell::Cell<usize> = const { std::cell::Cell::new(0) };
 }
 
+#[cfg(test)]
+mod circle_tests;
 #[cfg(test)]
 mod damage_tests;
 #[cfg(all(test, feature = "postgres"))]

@@ -16,6 +16,7 @@ use tokio::runtime::Runtime;
 #[cfg(feature = "postgres")]
 use super::StoreLocation;
 use super::lock::identity;
+use super::log::refuse_damaged;
 use super::{DatabaseKind, SqlStore, StoreError};
 
 /// Version of the schema that this program writes. It also reads older versions.
@@ -26,7 +27,7 @@ pub const SCHEMA_VERSION: i64 = 5;
 const SEALED_SINCE: i64 = 4;
 
 /// `SPHC`, in SQLite's application id: marks a database of spherecal.
-const APPLICATION_ID: i64 = 0x5350_4843;
+pub(super) const APPLICATION_ID: i64 = 0x5350_4843;
 
 /// How long another program's lock is waited for.
 pub(super) const PATIENCE: Duration = Duration::from_millis(if cfg!(test) { 300 } else { 10_000 });
@@ -192,6 +193,7 @@ impl SqlStore {
         let fresh = is_fresh(path).map_err(io)?;
         if !fresh {
             refuse_foreign(path, io)?;
+            refuse_damaged(path)?;
         }
         let (connection, version) = runtime.block_on(async {
             let failed = |source| StoreError::of(path, source);

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::protocol::host::{
     Contact, Coupled, Fault, FaultReport, Phase, PhaseChange, Recording, SignalStatistics,
 };
@@ -66,50 +67,42 @@ impl SqlStore {
 
     /// Recordings as they are in the file, without the check of their digests.
     pub(super) fn unchecked_recordings(&mut self, run: i64) -> Result<Vec<Recording>, StoreError> {
-        let joints = self.rows(
-            "SELECT j.* FROM recording_joints j JOIN recordings r \
-             ON r.run = j.run AND r.sphere = j.sphere AND r.pose = j.pose \
-             WHERE j.run = $1 ORDER BY r.position, j.joint",
-            run,
-        )?;
-        let rows = self.rows("SELECT * FROM recordings WHERE run = $1 ORDER BY position", run)?;
-        let mut joints = joints.iter().peekable();
-        let mut recordings = Vec::with_capacity(rows.len());
-        for row in &rows {
-            let mut recording = Recording {
-                sphere: self.count(row, "sphere")?,
-                pose: self.count(row, "pose")?,
-                start_us: self.get::<i64>(row, "start_us")? as u64,
-                end_us: self.get::<i64>(row, "end_us")? as u64,
-                count: self.count(row, "samples")?,
-                gaps: self.count(row, "gaps")?,
-                q: heapless::Vec::new(),
-                tau: heapless::Vec::new(),
-                tcp_spread_m: self.get(row, "tcp_spread_m")?,
-                force_n: self.triple(row, ["force_x_n", "force_y_n", "force_z_n"])?,
+        let mut joints: BTreeMap<(u32, u32), Vec<[SignalStatistics; 2]>> = BTreeMap::new();
+        for row in &self.rows("SELECT * FROM recording_joints WHERE run = $1 ORDER BY joint", run)? {
+            let statistics = |mean, std, min, max| {
+                Ok::<_, StoreError>(SignalStatistics {
+                    mean: self.get(row, mean)?,
+                    std: self.get(row, std)?,
+                    min: self.get(row, min)?,
+                    max: self.get(row, max)?,
+                })
             };
-            while let Some(joint) = joints.peek() {
-                if (self.count(joint, "sphere")?, self.count(joint, "pose")?) != (recording.sphere, recording.pose) {
-                    break;
-                }
-                // The protocol allows no more joints, so a further one cannot have been written.
-                let _ = recording.q.push(SignalStatistics {
-                    mean: self.get(joint, "q_mean_rad")?,
-                    std: self.get(joint, "q_std_rad")?,
-                    min: self.get(joint, "q_min_rad")?,
-                    max: self.get(joint, "q_max_rad")?,
-                });
-                let _ = recording.tau.push(SignalStatistics {
-                    mean: self.get(joint, "tau_mean_nm")?,
-                    std: self.get(joint, "tau_std_nm")?,
-                    min: self.get(joint, "tau_min_nm")?,
-                    max: self.get(joint, "tau_max_nm")?,
-                });
-                joints.next();
-            }
-            recordings.push(recording);
+            let q = statistics("q_mean_rad", "q_std_rad", "q_min_rad", "q_max_rad")?;
+            let tau = statistics("tau_mean_nm", "tau_std_nm", "tau_min_nm", "tau_max_nm")?;
+            let pose = (self.count(row, "sphere")?, self.count(row, "pose")?);
+            joints.entry(pose).or_default().push([q, tau]);
         }
-        Ok(recordings)
+        let rows = self.rows("SELECT * FROM recordings WHERE run = $1 ORDER BY position", run)?;
+        rows.iter()
+            .map(|row| {
+                let (sphere, pose) = (self.count(row, "sphere")?, self.count(row, "pose")?);
+                // The protocol allows no more joints than fit, so a further one cannot have been written.
+                let own = joints.remove(&(sphere, pose)).unwrap_or_default();
+                let own = || own.iter().take(MAX_JOINTS);
+                Ok(Recording {
+                    sphere,
+                    pose,
+                    start_us: self.get::<i64>(row, "start_us")? as u64,
+                    end_us: self.get::<i64>(row, "end_us")? as u64,
+                    count: self.count(row, "samples")?,
+                    gaps: self.count(row, "gaps")?,
+                    q: own().map(|[q, _]| *q).collect(),
+                    tau: own().map(|[_, tau]| *tau).collect(),
+                    tcp_spread_m: self.get(row, "tcp_spread_m")?,
+                    force_n: self.triple(row, ["force_x_n", "force_y_n", "force_z_n"])?,
+                })
+            })
+            .collect()
     }
 
     /// Contacts, in the order in which they came.

@@ -3,7 +3,11 @@
 //! The damaged file is copied and only the copy is opened. Rows are read forwards, backwards and by
 //! their number, so a damaged page costs only the rows on it. A list of tables that differs from that
 //! of a fresh database is replaced by it where more rows can then be read: databases of this program
-//! have the same tables in the same places. Each row is compared with its digest, and a row that differs is left out. Damaged settings are restored from their second copy.
+//! have the same tables in the same places. Each row is compared with its digest, and a row that differs is left
+//! out. Damaged settings, certificates and poses are restored from their second copy.
+//!
+//! Of a damaged log, SQLite reads what is before the damage. A second copy has all sound frames of the log, and the
+//! rows of both are taken. A file of a newer schema is refused: it has columns of which this program knows nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
@@ -12,13 +16,15 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use sqlx::{AnyConnection, Connection as _};
 
-use self::rows::{columns_of, insert_rows, read_table, run_of};
-use self::schema::{NoSource, source_of};
+use self::rows::{columns_of, insert_rows, read_rows, run_of};
+use self::schema::{NoSource, sources_of};
 use self::seals::Seals;
 use super::acknowledged;
 use super::digest::{self, recording_subject};
+use super::log::{Log, log_of};
+use super::seal::{RUNS, seal};
 use super::statement::put_digest;
-use super::{SqlStore, StoreError};
+use super::{RunInfo, SCHEMA_VERSION, SqlStore, StoreError};
 
 mod rows;
 mod schema;
@@ -69,6 +75,8 @@ pub struct Recovered {
     pub acknowledged_missing: BTreeMap<i64, i64>,
     /// Whether the list of tables had to be replaced by that of a fresh database.
     pub schema_replaced: bool,
+    /// Frames of the log behind a damaged one that were read all the same.
+    pub log_frames_salvaged: usize,
 }
 
 /// Copies the readable data of the database at `damaged` into a new one at `new`.
@@ -78,8 +86,8 @@ pub struct Recovered {
 /// the new file is sealed anew.
 ///
 /// # Errors
-/// When `new` exists, `damaged` does not, a file cannot be written, or no part of `damaged` looks
-/// like a database of this program.
+/// When `new` exists, `damaged` does not, has a newer schema, a file cannot be written, or no part of
+/// `damaged` looks like a database of this program.
 pub fn recover(damaged: &Path, new: &Path) -> Result<Recovered, StoreError> {
     if !damaged.is_file() {
         return Err(StoreError::Missing {
@@ -105,27 +113,37 @@ pub fn recover(damaged: &Path, new: &Path) -> Result<Recovered, StoreError> {
         }
         Ok(columns)
     })?;
-    let source = runtime.block_on(source_of(&workshop, &fresh, &columns));
-    let (mut source, replaced) = source.map_err(|error| match error {
+    let sources = runtime.block_on(sources_of(&workshop, &fresh, &columns));
+    let mut sources = sources.map_err(|error| match error {
         NoSource::Io(error) => error,
+        NoSource::Newer(found) => StoreError::Version {
+            path: damaged.to_owned(),
+            found,
+            expected: SCHEMA_VERSION,
+        },
         NoSource::Unreadable(source) => StoreError::Damaged {
             path: damaged.to_owned(),
             what: source.to_string(),
         },
     })?;
-    recovered.schema_replaced = replaced;
-    let seals = runtime.block_on(Seals::read(&mut source));
+    recovered.schema_replaced = sources.iter().any(|source| source.replaced);
+    recovered.log_frames_salvaged = workshop.salvaged;
+    let seals = runtime.block_on(Seals::read(&mut sources));
     let mut incomplete = BTreeSet::new();
     for table in TABLES {
         let of_table = columns.iter().find(|(name, _)| *name == table);
         let of_table = of_table.map(|(_, columns)| columns.as_slice()).unwrap_or_default();
-        let (rows, lost, _) = runtime.block_on(read_table(table, of_table, &mut source));
+        let (rows, lost) = runtime.block_on(read_rows(table, of_table, &mut sources));
         let mut saved = Saved { read: 0, lost };
         let (good, bad): (Vec<_>, Vec<_>) = rows.into_iter().partition(|row| seals.vouch_for(table, row));
         let mut kept = good;
         match table {
             "runs" => kept = seals.settings(kept, &bad, &mut recovered),
             "spheres" => kept = seals.certificate(kept, &bad),
+            "poses" => {
+                incomplete.extend(bad.iter().filter_map(run_of));
+                kept = seals.poses(kept);
+            }
             _ => {
                 saved.lost += bad.len() as u64;
                 // Results are computed again; everything else has to be measured again.
@@ -140,25 +158,32 @@ pub fn recover(damaged: &Path, new: &Path) -> Result<Recovered, StoreError> {
         }
         recovered.tables.insert(table, saved);
     }
-    // An error while closing does not matter to a copy.
-    let _ = runtime.block_on(source.close());
+    for source in sources {
+        // An error while closing does not matter to a copy.
+        let _ = runtime.block_on(source.connection.close());
+    }
     recovered.recordings_left_out = leave_out(&mut target, &seals)?;
-    incomplete.extend(recovered.recordings_left_out.iter().map(|(run, ..)| *run));
     // What cannot be read states nothing.
     let stated = acknowledged::stated(damaged).unwrap_or_default();
     recovered.acknowledged_missing = acknowledged::missing(&stated, &target.recording_counts()?);
     target.block(async |connection| complete_runs(&recovered.settings_restored, connection).await)?;
-    reopen_runs(&mut target, &incomplete)?;
     seal_anew(&mut target)?;
+    incomplete.extend(seals.runs_that_lack(&mut target)?);
+    reopen_runs(&mut target, &incomplete)?;
     drop(target);
     std::fs::rename(&draft, new).map_err(|source| workshop.io(source))?;
     Ok(recovered)
 }
 
-/// A folder beside the new file for the copy and the draft. It is removed when this is dropped.
+/// A folder beside the new file for the copies and the draft. It is removed when this is dropped.
 struct Workshop {
     folder: PathBuf,
+    /// The file with its log.
     copy: PathBuf,
+    /// The file with all sound frames of its damaged log.
+    with_sound_frames: Option<PathBuf>,
+    /// How many sound frames are behind the damaged one.
+    salvaged: usize,
 }
 
 impl Workshop {
@@ -166,23 +191,41 @@ impl Workshop {
         let mut name = OsString::from(new.as_os_str());
         name.push(format!(".recovering-{}", std::process::id()));
         let folder = PathBuf::from(name);
-        let this = Self {
+        let mut this = Self {
             copy: folder.join("copy.db"),
             folder,
+            with_sound_frames: None,
+            salvaged: 0,
         };
         std::fs::create_dir_all(&this.folder).map_err(|source| this.io(source))?;
-        for (end, needed) in [("", true), ("-wal", false)] {
-            let with = |path: &Path| {
-                let mut name = path.as_os_str().to_owned();
-                name.push(end);
-                PathBuf::from(name)
+        let (log, of_file) = (log_of(damaged), |source| StoreError::Io {
+            path: damaged.to_owned(),
+            source,
+        });
+        std::fs::copy(damaged, &this.copy).map_err(of_file)?;
+        if log.is_file() {
+            let of_log = |source| StoreError::Io {
+                path: log.clone(),
+                source,
             };
-            let from = with(damaged);
-            if needed || from.is_file() {
-                std::fs::copy(&from, with(&this.copy)).map_err(|source| StoreError::Io { path: from, source })?;
+            std::fs::copy(&log, log_of(&this.copy)).map_err(of_log)?;
+            if let Some(frames) = Log::read(&log).map_err(of_log)?
+                && frames.salvageable() > 0
+            {
+                let mut bytes = std::fs::read(damaged).map_err(of_file)?;
+                frames.apply(&mut bytes);
+                let path = this.folder.join("frames.db");
+                std::fs::write(&path, bytes).map_err(|source| this.io(source))?;
+                this.salvaged = frames.salvageable();
+                this.with_sound_frames = Some(path);
             }
         }
         Ok(this)
+    }
+
+    /// The copies, the one with the newest rows first.
+    fn copies(&self) -> impl Iterator<Item = &Path> {
+        self.with_sound_frames.iter().chain([&self.copy]).map(PathBuf::as_path)
     }
 
     fn io(&self, source: std::io::Error) -> StoreError {
@@ -244,36 +287,41 @@ fn leave_out(target: &mut SqlStore, seals: &Seals) -> Result<Vec<(i64, i64, i64)
     Ok(left_out)
 }
 
-/// Marks runs whose state is lost as complete, where they have the summary that is written of a
-/// measured run.
+/// Marks runs whose state is lost by the results that they have: `complete` where the summary is there that is
+/// written of a measured run, `commissioned` where a first run on a robot is.
 async fn complete_runs(runs: &[i64], connection: &mut AnyConnection) -> Result<(), sqlx::Error> {
     for run in runs {
-        sqlx::query(
-            "UPDATE runs SET state = 'complete' WHERE run = $1 AND EXISTS \
-             (SELECT 1 FROM results WHERE results.run = $1 AND name = 'summary')",
-        )
-        .bind(*run)
-        .execute(&mut *connection)
-        .await?;
+        for (state, result) in [("complete", "summary"), (RunInfo::COMMISSIONED, "commissioning")] {
+            sqlx::query(
+                "UPDATE runs SET state = $2 WHERE run = $1 AND EXISTS \
+                 (SELECT 1 FROM results WHERE results.run = $1 AND name = $3)",
+            )
+            .bind(*run)
+            .bind(state)
+            .bind(result)
+            .execute(&mut *connection)
+            .await?;
+        }
     }
     Ok(())
 }
 
-/// Marks runs that lack something that is measured as running.
+/// Marks calibrations that lack something that is measured as running.
 fn reopen_runs(target: &mut SqlStore, incomplete: &BTreeSet<i64>) -> Result<(), StoreError> {
-    target.block(async |connection| {
-        sqlx::query(
-            "UPDATE runs SET state = 'running' WHERE \
-             (SELECT COUNT(*) FROM recordings r WHERE r.run = runs.run) < \
-             (SELECT COUNT(*) FROM poses p WHERE p.run = runs.run AND p.rejected IS NULL)",
+    target.write(async |t| {
+        let lacking: Vec<i64> = sqlx::query_scalar(
+            "SELECT run FROM runs WHERE EXISTS (SELECT 1 FROM poses p WHERE p.run = runs.run AND p.rejected IS NULL \
+             AND NOT EXISTS (SELECT 1 FROM recordings r WHERE r.run = p.run AND r.sphere = p.sphere AND r.pose = p.pose))",
         )
-        .execute(&mut *connection)
+        .fetch_all(&mut *t)
         .await?;
-        for run in incomplete {
-            sqlx::query("UPDATE runs SET state = 'running' WHERE run = $1")
+        for run in incomplete.iter().chain(&lacking) {
+            sqlx::query("UPDATE runs SET state = 'running' WHERE run = $1 AND state <> $2")
                 .bind(*run)
-                .execute(&mut *connection)
+                .bind(RunInfo::COMMISSIONED)
+                .execute(&mut *t)
                 .await?;
+            seal(t, &RUNS, *run, &[]).await?;
         }
         Ok(())
     })
@@ -285,7 +333,8 @@ async fn restore_sessions(connection: &mut AnyConnection) -> Result<(), sqlx::Er
         "INSERT INTO sessions (run, session, started_utc, firmware, simulated_us, ticks, wall_s, link_json, \
          telemetry_json) SELECT run, session, '', '', 0, 0, 0.0, '{}', '{}' FROM \
          (SELECT run, session FROM recordings UNION SELECT run, session FROM contacts \
-         UNION SELECT run, session FROM phases) named WHERE $1 = 1 AND NOT EXISTS \
+         UNION SELECT run, session FROM couplings UNION SELECT run, session FROM phases \
+         UNION SELECT run, session FROM faults) named WHERE $1 = 1 AND NOT EXISTS \
          (SELECT 1 FROM sessions s WHERE s.run = named.run AND s.session = named.session)",
     )
     .bind(1i64)

@@ -136,6 +136,21 @@ async fn select(t: &mut AnyConnection, table: &Sealed, run: i64, keys: &[Key<'_>
 
 /// Writes the digests of the rows of a run whose first key columns have these values.
 pub(super) async fn seal(t: &mut AnyConnection, table: &Sealed, run: i64, keys: &[Key<'_>]) -> Result<(), sqlx::Error> {
+    put_seals(t, table, run, keys, "UPDATE SET digest = excluded.digest").await
+}
+
+/// Writes the digests of the rows of a run that have none yet.
+pub(super) async fn seal_unsealed(t: &mut AnyConnection, table: &Sealed, run: i64) -> Result<(), sqlx::Error> {
+    put_seals(t, table, run, &[], "NOTHING").await
+}
+
+async fn put_seals(
+    t: &mut AnyConnection,
+    table: &Sealed,
+    run: i64,
+    keys: &[Key<'_>],
+    known: &str,
+) -> Result<(), sqlx::Error> {
     let found = select(t, table, run, keys).await?;
     let seals = found
         .iter()
@@ -143,7 +158,7 @@ pub(super) async fn seal(t: &mut AnyConnection, table: &Sealed, run: i64, keys: 
         .collect::<Result<Vec<_>, _>>()?;
     for chunk in seals.chunks(200) {
         let statement = rows("INSERT INTO digests (run, subject, digest)", chunk.len(), 3)
-            + " ON CONFLICT (run, subject) DO UPDATE SET digest = excluded.digest";
+            + &format!(" ON CONFLICT (run, subject) DO {known}");
         let mut insert = sqlx::query(AssertSqlSafe(statement));
         for (subject, digest) in chunk {
             insert = insert.bind(run).bind(subject.clone()).bind(*digest);

@@ -1,11 +1,12 @@
-//! The second copy of each run's settings and certificate, from which `recover` restores a damaged
+//! The second copy of each run's settings, certificate and poses, from which `recover` restores a damaged
 //! row.
 
 use spherecal_model::Sphere;
-use sqlx::{AnyConnection, AssertSqlSafe};
+use sqlx::any::AnyRow;
+use sqlx::{AnyConnection, AssertSqlSafe, Row as _};
 
 use super::digest::{self, recording_subject};
-use super::seal::{POSES, RUNS, SEALED, SPARES, SPHERES, seal};
+use super::seal::{POSES, RUNS, SEALED, SPARES, SPHERES, SealedValue, seal, seal_unsealed};
 use super::statement::put_digest;
 use super::{SqlStore, StoreError};
 
@@ -18,7 +19,7 @@ pub(super) async fn seal_settings(t: &mut AnyConnection, run: i64, certificate: 
     Ok(())
 }
 
-/// Stores the second copy of a run's settings.
+/// Stores the second copy of a run's settings, certificate and poses.
 pub(super) async fn put_spares(t: &mut AnyConnection, run: i64, certificate: &[Sphere]) -> Result<(), sqlx::Error> {
     for name in SPARED {
         sqlx::query(AssertSqlSafe(format!(
@@ -31,9 +32,56 @@ pub(super) async fn put_spares(t: &mut AnyConnection, run: i64, certificate: &[S
     sqlx::query("INSERT INTO spares (run, name, value) VALUES ($1, 'spheres', $2)")
         .bind(run)
         .bind(spare_of(certificate))
+        .execute(&mut *t)
+        .await?;
+    let statement = format!("SELECT {} FROM poses WHERE run = $1 ORDER BY position", POSE.join(", "));
+    let poses = sqlx::query(AssertSqlSafe(statement))
+        .bind(run)
+        .fetch_all(&mut *t)
+        .await?;
+    let lines = poses.iter().map(spare_of_pose).collect::<Result<String, _>>()?;
+    sqlx::query("INSERT INTO spares (run, name, value) VALUES ($1, 'poses', $2)")
+        .bind(run)
+        .bind(lines)
         .execute(t)
         .await
         .map(|_| ())
+}
+
+/// Columns of a pose that have a second copy: all but its run and whether it was given up.
+const POSE: [&str; 8] = ["sphere", "pose", "position", "qw", "qx", "qy", "qz", "elbow_rad"];
+
+/// How many of them, from the first on, are whole numbers.
+const WHOLE: usize = 3;
+
+/// A pose as a line of text that reads back bit by bit. An elbow angle that is not given is a dash.
+fn spare_of_pose(row: &AnyRow) -> Result<String, sqlx::Error> {
+    let mut line = String::new();
+    for (column, at) in POSE.iter().zip(0..) {
+        if at < WHOLE {
+            line.push_str(&format!("{} ", row.try_get::<i64, _>(*column)?));
+        } else {
+            match row.try_get::<Option<f64>, _>(*column)? {
+                Some(value) => line.push_str(&format!("{:016x} ", value.to_bits())),
+                None => line.push_str("- "),
+            }
+        }
+    }
+    Ok(line + "\n")
+}
+
+/// The values of the poses of such a text, in the order of the columns.
+pub(super) fn poses_of(spare: &str) -> Option<Vec<Vec<SealedValue>>> {
+    let value = |(word, at): (&str, usize)| match word {
+        "-" => Some(SealedValue::Nothing),
+        word if at < WHOLE => word.parse().ok().map(SealedValue::Whole),
+        word => u64::from_str_radix(word, 16)
+            .ok()
+            .map(|bits| SealedValue::Real(f64::from_bits(bits))),
+    };
+    let pose = |line: &str| line.split_whitespace().zip(0..).map(value).collect::<Option<Vec<_>>>();
+    let poses: Vec<_> = spare.lines().map(pose).collect::<Option<_>>()?;
+    poses.iter().all(|pose| pose.len() == POSE.len()).then_some(poses)
 }
 
 /// Columns of a run that have a second copy: all but its number and its state.
@@ -78,7 +126,8 @@ pub(super) fn spheres_of(spare: &str) -> Option<Vec<(i64, [f64; 4])>> {
 }
 
 impl SqlStore {
-    /// Seals every row of every run: for a file of an older schema, whose rows have no digests.
+    /// Seals every row of every run that has no digest: for a file of an older schema, whose rows have none.
+    /// A digest that is there stays: a row that differs from it is damaged.
     pub(super) fn seal_everything(&mut self) -> Result<(), StoreError> {
         for run in self.run_numbers()? {
             let digests = self.digests(run)?;
@@ -97,7 +146,7 @@ impl SqlStore {
                     .await?;
                 put_spares(t, run, &spheres).await?;
                 for table in SEALED {
-                    seal(t, &table, run, &[]).await?;
+                    seal_unsealed(t, &table, run).await?;
                 }
                 Ok(())
             })?;

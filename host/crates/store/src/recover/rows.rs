@@ -1,6 +1,6 @@
 //! Reads the rows of a damaged table, and writes them into the new file.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 use sqlx::sqlite::SqliteRow;
 use sqlx::{AnyConnection, AssertSqlSafe, Connection as _, Row as _, SqliteConnection, TypeInfo as _, ValueRef as _};
@@ -22,13 +22,41 @@ pub(super) fn run_of(row: &StoredRow) -> Option<i64> {
     }
 }
 
+/// A copy that rows are read from.
+pub(super) struct Source {
+    pub(super) connection: SqliteConnection,
+    /// Whether its list of tables was replaced by that of a fresh database.
+    pub(super) replaced: bool,
+    /// Whether it is a file of an older schema, whose tables lack columns.
+    pub(super) older: bool,
+}
+
+/// A column of the new file: its name, and its value where an older schema lacks it, as SQL.
+pub(super) type Column = (String, Option<String>);
+
 /// The columns of a table of the new file.
-pub(super) async fn columns_of(table: &str, target: &mut AnyConnection) -> Result<Vec<String>, sqlx::Error> {
-    sqlx::query_scalar(AssertSqlSafe(format!(
-        "SELECT name FROM pragma_table_info('{table}') ORDER BY cid"
+pub(super) async fn columns_of(table: &str, target: &mut AnyConnection) -> Result<Vec<Column>, sqlx::Error> {
+    sqlx::query_as(AssertSqlSafe(format!(
+        "SELECT name, dflt_value FROM pragma_table_info('{table}') ORDER BY cid"
     )))
     .fetch_all(target)
     .await
+}
+
+/// All rows of a table that can be read from any of the sources, and the number of those that cannot. Of equal rows
+/// one is taken.
+pub(super) async fn read_rows(table: &str, columns: &[Column], sources: &mut [Source]) -> (Vec<StoredRow>, u64) {
+    let (mut all, mut lost) = (Vec::new(), 0u64);
+    for (source, number) in sources.iter_mut().zip(0..) {
+        let (rows, of_source, _) = read_table(table, columns, source).await;
+        if number == 0 {
+            (all, lost) = (rows, of_source);
+            continue;
+        }
+        let known: HashSet<String> = all.iter().map(|row| format!("{row:?}")).collect();
+        all.extend(rows.into_iter().filter(|row| !known.contains(&format!("{row:?}"))));
+    }
+    (all, lost)
 }
 
 /// All rows of a table that can be read, the number of those that cannot, and whether the table was
@@ -36,13 +64,19 @@ pub(super) async fn columns_of(table: &str, target: &mut AnyConnection) -> Resul
 ///
 /// The table is read as a whole. If that fails, it is read forwards and backwards, each to the first
 /// damage, and then number by number.
-pub(super) async fn read_table(
-    table: &str,
-    columns: &[String],
-    source: &mut SqliteConnection,
-) -> (Vec<StoredRow>, u64, bool) {
+pub(super) async fn read_table(table: &str, columns: &[Column], source: &mut Source) -> (Vec<StoredRow>, u64, bool) {
+    let lacking = if source.older {
+        lacking(table, columns, &mut source.connection).await
+    } else {
+        Vec::new()
+    };
+    let source = &mut source.connection;
     // An expression has no declared type; a declared type that is not text would hang the driver.
-    let values: Vec<String> = columns.iter().map(|name| format!("+{name} AS {name}")).collect();
+    let value = |(name, default): &Column| match default {
+        Some(default) if lacking.contains(name) => format!("{default} AS {name}"),
+        _ => format!("+{name} AS {name}"),
+    };
+    let values: Vec<String> = columns.iter().map(value).collect();
     let select = format!(
         "SELECT +rowid AS number, {} FROM {table} NOT INDEXED",
         values.join(", ")
@@ -135,6 +169,21 @@ pub(super) async fn read_table(
     (rows.into_values().collect(), lost, false)
 }
 
+/// The columns of the new file that a table of an older schema lacks.
+async fn lacking(table: &str, columns: &[Column], source: &mut SqliteConnection) -> Vec<String> {
+    let own: Result<Vec<Vec<u8>>, _> = sqlx::query_scalar(AssertSqlSafe(format!(
+        "SELECT CAST(name AS BLOB) FROM pragma_table_info('{table}')"
+    )))
+    .fetch_all(source)
+    .await;
+    let own = own.unwrap_or_default();
+    let names = columns.iter().map(|(name, _)| name);
+    names
+        .filter(|name| own.iter().all(|own| own != name.as_bytes()))
+        .cloned()
+        .collect()
+}
+
 async fn has_table(table: &str, source: &mut SqliteConnection) -> bool {
     let found: Result<i64, _> = sqlx::query_scalar("SELECT COUNT(*) FROM sqlite_master WHERE name = $1")
         .bind(table)
@@ -162,8 +211,8 @@ fn values_of(row: &SqliteRow, columns: usize) -> Option<StoredRow> {
         .collect()
 }
 
-/// Writes rows, and counts those that the new file takes and those that it refuses (a duplicate key,
-/// a lost run, a missing number).
+/// Writes rows, and counts those that the new file takes and those that it refuses (a lost run, a missing
+/// number). Of rows with one key the first is taken.
 pub(super) async fn insert_rows(
     table: &str,
     rows: &[StoredRow],
@@ -171,10 +220,11 @@ pub(super) async fn insert_rows(
     saved: &mut Saved,
 ) -> Result<(), sqlx::Error> {
     let columns = columns_of(table, target).await?;
+    let names: Vec<&str> = columns.iter().map(|(name, _)| name.as_str()).collect();
     let marks: Vec<String> = (1..=columns.len()).map(|k| format!("${k}")).collect();
     let insert = format!(
-        "INSERT INTO {table} ({}) VALUES ({})",
-        columns.join(", "),
+        "INSERT INTO {table} ({}) VALUES ({}) ON CONFLICT DO NOTHING",
+        names.join(", "),
         marks.join(", ")
     );
     let mut transaction = target.begin().await?;
@@ -189,7 +239,7 @@ pub(super) async fn insert_rows(
             };
         }
         match query.execute(&mut *transaction).await {
-            Ok(_) => saved.read += 1,
+            Ok(done) => saved.read += done.rows_affected(),
             Err(_) => saved.lost += 1,
         }
     }

@@ -6,8 +6,9 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions as _, SqliteConnection};
 
 use super::Workshop;
-use super::rows::read_table;
-use crate::StoreError;
+use super::rows::{Column, Source, read_table};
+use crate::open::APPLICATION_ID;
+use crate::{SCHEMA_VERSION, StoreError};
 
 /// Size of the header of a database, at the start of its first page, in bytes.
 const HEADER: usize = 100;
@@ -16,56 +17,111 @@ const INNER: u8 = 5;
 const LEAF: u8 = 13;
 
 /// A table of the new file and its columns.
-pub(super) type TableColumns = (&'static str, Vec<String>);
+pub(super) type TableColumns = (&'static str, Vec<Column>);
 
 /// Why no copy can be read.
 pub(super) enum NoSource {
     /// A file could not be written.
     Io(StoreError),
+    /// A newer program wrote it: the version of its schema.
+    Newer(i64),
     /// Nothing looks like a database of this program.
     Unreadable(sqlx::Error),
 }
 
-/// The copy to read, and whether its list of tables is that of `fresh`, the bytes of a database of
-/// this program without rows, which has these tables.
-///
-/// A list of tables that equals that of the fresh database is sound. Any other is damaged, or that of
-/// an older program: then the one with which more rows can be read is taken.
-pub(super) async fn source_of(
+/// The copies that can be read, the one with the newest rows first. `fresh` are the bytes of a database of this
+/// program without rows, which has these tables.
+pub(super) async fn sources_of(
     workshop: &Workshop,
     fresh: &[u8],
     tables: &[TableColumns],
-) -> Result<(SqliteConnection, bool), NoSource> {
-    let own = open_copy(&workshop.copy).await;
+) -> Result<Vec<Source>, NoSource> {
     let model = workshop.folder.join("fresh.db");
     std::fs::write(&model, fresh).map_err(|source| NoSource::Io(workshop.io(source)))?;
-    let mut own = match own {
+    let mut model = open_copy(&model).await.map_err(NoSource::Unreadable)?;
+    let sound = list_of(&mut model).await.map_err(NoSource::Unreadable)?;
+    let (mut sources, mut unreadable) = (Vec::new(), sqlx::Error::RowNotFound);
+    for copy in workshop.copies() {
+        match source_of(workshop, copy, (fresh, &sound), tables).await {
+            Ok(source) => sources.push(source),
+            Err(NoSource::Unreadable(error)) => unreadable = error,
+            Err(error) => return Err(error),
+        }
+    }
+    if sources.is_empty() {
+        return Err(NoSource::Unreadable(unreadable));
+    }
+    Ok(sources)
+}
+
+/// A copy to read, with its own list of tables or with that of the fresh database.
+///
+/// A list of tables that equals that of the fresh database is sound. Any other is damaged, or that of
+/// another program. A newer program's is refused. Otherwise the one with which more rows can be read is taken.
+async fn source_of(
+    workshop: &Workshop,
+    copy: &Path,
+    (fresh, sound): (&[u8], &[ListedTable]),
+    tables: &[TableColumns],
+) -> Result<Source, NoSource> {
+    let mut own = match open_copy(copy).await {
         Ok(mut own) => {
-            let mut model = open_copy(&model).await.map_err(NoSource::Unreadable)?;
-            let sound = list_of(&mut model).await.map_err(NoSource::Unreadable)?;
             if list_of(&mut own).await.is_ok_and(|list| list == sound) {
-                return Ok((own, false));
+                return Ok(Source {
+                    connection: own,
+                    replaced: false,
+                    older: false,
+                });
             }
-            Ok(own)
+            let (version, ours) = version_of(&mut own).await;
+            if ours && version > SCHEMA_VERSION {
+                return Err(NoSource::Newer(version));
+            }
+            Ok(Source {
+                connection: own,
+                replaced: false,
+                older: version < SCHEMA_VERSION,
+            })
         }
         Err(error) => Err(error),
     };
-    let replaced = with_list_of(workshop, fresh).map_err(NoSource::Io)?;
-    let other = open_copy(&replaced).await;
+    let replaced = with_list_of(workshop, copy, fresh).map_err(NoSource::Io)?;
+    let other = open_copy(&replaced).await.map(|connection| Source {
+        connection,
+        replaced: true,
+        older: false,
+    });
     match (&mut own, other) {
         (Ok(mine), Ok(mut other)) => {
             if count(&mut other, tables).await > count(mine, tables).await {
-                return Ok((other, true));
+                return Ok(other);
             }
         }
-        (Err(_), Ok(other)) => return Ok((other, true)),
+        (Err(_), Ok(other)) => return Ok(other),
         (_, Err(_)) => {}
     }
-    own.map(|own| (own, false)).map_err(NoSource::Unreadable)
+    own.map_err(NoSource::Unreadable)
+}
+
+/// The newest version that a file states, in its header or in its list of migrations, and whether it is a file of
+/// spherecal. What cannot be read states nothing.
+async fn version_of(source: &mut SqliteConnection) -> (i64, bool) {
+    let mut number = async |statement: &'static str| {
+        let found = sqlx::query_scalar::<_, Option<i64>>(statement)
+            .fetch_one(&mut *source)
+            .await;
+        found.ok().flatten().unwrap_or(0)
+    };
+    let marked = number("PRAGMA user_version").await;
+    let migrated = number("SELECT MAX(version) FROM _sqlx_migrations").await;
+    (
+        marked.max(migrated),
+        number("PRAGMA application_id").await == APPLICATION_ID,
+    )
 }
 
 /// Rows that can be read.
-async fn count(source: &mut SqliteConnection, tables: &[TableColumns]) -> usize {
+async fn count(source: &mut Source, tables: &[TableColumns]) -> usize {
     let mut rows = 0;
     for (table, columns) in tables {
         rows += read_table(table, columns, source).await.0.len();
@@ -73,8 +129,11 @@ async fn count(source: &mut SqliteConnection, tables: &[TableColumns]) -> usize 
     rows
 }
 
+/// A table or an index of the list: its name, its first page and its statement, as bytes.
+type ListedTable = (Vec<u8>, i64, Vec<u8>);
+
 /// The list of tables: names, first pages and statements, as bytes.
-async fn list_of(source: &mut SqliteConnection) -> Result<Vec<(Vec<u8>, i64, Vec<u8>)>, sqlx::Error> {
+async fn list_of(source: &mut SqliteConnection) -> Result<Vec<ListedTable>, sqlx::Error> {
     sqlx::query_as(
         "SELECT CAST(name AS BLOB), rootpage, CAST(COALESCE(sql, '') AS BLOB) FROM sqlite_master ORDER BY 2, 1",
     )
@@ -103,9 +162,9 @@ async fn open_copy(copy: &Path) -> Result<SqliteConnection, sqlx::Error> {
 }
 
 /// A second copy without log, in which the pages of the list of tables are those of `fresh`.
-fn with_list_of(workshop: &Workshop, fresh: &[u8]) -> Result<PathBuf, StoreError> {
+fn with_list_of(workshop: &Workshop, copy: &Path, fresh: &[u8]) -> Result<PathBuf, StoreError> {
     let page = page_size(fresh);
-    let mut bytes = std::fs::read(&workshop.copy).map_err(|source| workshop.io(source))?;
+    let mut bytes = std::fs::read(copy).map_err(|source| workshop.io(source))?;
     let pages = u32::try_from(bytes.len() / page).unwrap_or(u32::MAX);
     for number in pages_of_list(fresh) {
         let place = (number - 1) * page..number * page;
@@ -122,7 +181,7 @@ fn with_list_of(workshop: &Workshop, fresh: &[u8]) -> Result<PathBuf, StoreError
     if let Some(slot) = bytes.get_mut(18..20) {
         slot.copy_from_slice(&[1, 1]);
     }
-    let path = workshop.folder.join("replaced.db");
+    let path = copy.with_extension("replaced.db");
     std::fs::write(&path, &bytes).map_err(|source| workshop.io(source))?;
     Ok(path)
 }

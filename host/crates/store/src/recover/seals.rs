@@ -1,14 +1,12 @@
 //! The digests of a damaged file, and the second copies of its settings.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
-
-use sqlx::SqliteConnection;
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 
 use super::Recovered;
-use super::rows::{StoredRow, read_table, run_of};
-use crate::RunInfo;
-use crate::seal::{SEALED, SealedValue, of_row};
-use crate::spares::{SPARED, spheres_of};
+use super::rows::{Source, StoredRow, read_rows, read_table, run_of};
+use crate::seal::{RESULTS, SEALED, SPARES, SealedValue, of_row};
+use crate::spares::{SPARED, poses_of, spheres_of};
+use crate::{RunInfo, SqlStore, StoreError};
 
 /// The digests and second copies of a damaged file, as far as they can be read.
 pub(super) struct Seals {
@@ -25,30 +23,34 @@ pub(super) struct Seals {
 }
 
 impl Seals {
-    pub(super) async fn read(source: &mut SqliteConnection) -> Self {
-        let columns = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
-        let (digests, _, whole) = read_table("digests", &columns(&["run", "subject", "digest"]), source).await;
+    pub(super) async fn read(sources: &mut [Source]) -> Self {
+        let columns = |names: &[&str]| names.iter().map(|name| ((*name).to_owned(), None)).collect::<Vec<_>>();
         let mut seals = Self {
             by_subject: HashMap::new(),
             values: HashSet::new(),
             sealed: false,
-            whole,
+            whole: true,
             spares: BTreeMap::new(),
         };
-        for row in digests {
-            let [
-                SealedValue::Whole(run),
-                SealedValue::Text(subject),
-                SealedValue::Whole(digest),
-            ] = row.as_slice()
-            else {
-                continue;
-            };
-            seals.sealed |= SEALED.iter().any(|table| subject.starts_with(table.name));
-            seals.values.insert(*digest);
-            seals.by_subject.insert((*run, subject.clone()), *digest);
+        for source in sources.iter_mut() {
+            let (digests, _, whole) = read_table("digests", &columns(&["run", "subject", "digest"]), source).await;
+            seals.whole &= whole;
+            for row in digests {
+                let [
+                    SealedValue::Whole(run),
+                    SealedValue::Text(subject),
+                    SealedValue::Whole(digest),
+                ] = row.as_slice()
+                else {
+                    continue;
+                };
+                seals.sealed |= SEALED.iter().any(|table| subject.starts_with(table.name));
+                seals.values.insert(*digest);
+                // The first source has the newest.
+                seals.by_subject.entry((*run, subject.clone())).or_insert(*digest);
+            }
         }
-        let (spares, ..) = read_table("spares", &columns(&["run", "name", "value"]), source).await;
+        let (spares, _) = read_rows("spares", &columns(&["run", "name", "value"]), sources).await;
         for row in spares {
             if !seals.vouch_for("spares", &row) {
                 continue;
@@ -60,10 +62,24 @@ impl Seals {
             ] = row.as_slice()
             {
                 let own = seals.spares.entry(*run).or_default();
-                own.insert(name.clone(), value.clone());
+                own.entry(name.clone()).or_insert_with(|| value.clone());
             }
         }
         seals
+    }
+
+    /// The runs of the new file that lack a row of which there is a digest. Results are computed again, and second
+    /// copies written again.
+    pub(super) fn runs_that_lack(&self, target: &mut SqlStore) -> Result<BTreeSet<i64>, StoreError> {
+        let mut there: HashMap<i64, BTreeMap<String, i64>> = HashMap::new();
+        for run in target.run_numbers()? {
+            there.insert(run, target.digests(run)?);
+        }
+        let counts = |subject: &str| ![RESULTS, SPARES].iter().any(|table| subject.starts_with(table.name));
+        let lost = self.by_subject.keys().filter(|(run, subject)| {
+            there.get(run).is_some_and(|subjects| !subjects.contains_key(subject)) && counts(subject)
+        });
+        Ok(lost.map(|(run, _)| *run).collect())
     }
 
     /// Whether the digest is stored, or differs in one bit from a stored one. Of a row and a digest
@@ -141,6 +157,23 @@ impl Seals {
         good
     }
 
+    /// The rows of `poses`: those that are as they were written, and those that their second copy restores. Whether
+    /// a pose was given up has no second copy: it is measured again.
+    pub(super) fn poses(&self, mut good: Vec<StoredRow>) -> Vec<StoredRow> {
+        let mut there: HashSet<Vec<String>> = good.iter().map(pose_of).collect();
+        for (run, copies) in &self.spares {
+            for values in copies.get("poses").and_then(|text| poses_of(text)).unwrap_or_default() {
+                let mut row = vec![SealedValue::Whole(*run)];
+                row.extend(values);
+                row.push(SealedValue::Nothing);
+                if there.insert(pose_of(&row)) {
+                    good.push(row);
+                }
+            }
+        }
+        good
+    }
+
     /// The rows of `spheres`: those that are as they were written, and those that the second copy of
     /// the certificate restores.
     pub(super) fn certificate(&self, mut good: Vec<StoredRow>, bad: &[StoredRow]) -> Vec<StoredRow> {
@@ -170,6 +203,11 @@ impl Seals {
         }
         good
     }
+}
+
+/// Run, sphere and number of a row of `poses`.
+fn pose_of(row: &StoredRow) -> Vec<String> {
+    row.iter().take(3).map(ToString::to_string).collect()
 }
 
 /// The columns of `runs`.
