@@ -15,8 +15,13 @@ use super::frames::from_rpy;
 
 mod bounds;
 mod chain;
+mod limits;
+mod prefixes;
+mod srdf;
+mod tip;
 
 pub use chain::UrdfChain;
+pub use srdf::Srdf;
 
 /// Most joints (fixed ones included) that a file may have, and most links.
 const MOST_JOINTS: usize = 2000;
@@ -32,10 +37,23 @@ const LARGEST_RAD: f64 = 7.0;
 pub enum JointMotion {
     /// Turns (`revolute` and `continuous`).
     Turns,
+    /// Slides (`prismatic`).
+    Slides,
     /// Never moves.
     Fixed,
-    /// Moves in a way that this program cannot calibrate.
+    /// Moves in a way that this program cannot calibrate (`planar`, `floating`).
     Other,
+}
+
+/// The law of a joint that follows another: `multiplier * leader + offset`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mimic {
+    /// Name of the joint that leads.
+    pub leader: String,
+    /// Own motion (rad or m) per motion of the leader.
+    pub multiplier: f64,
+    /// Own position with the leader at zero, in rad or m.
+    pub offset: f64,
 }
 
 /// Where a joint's origin stands in the text.
@@ -68,14 +86,21 @@ pub struct UrdfJoint {
     pub place: OriginPlace,
     /// Unit axis in the child's frame.
     pub axis: Vector3<f64>,
-    /// Smallest and largest angle, in rad.
-    pub range_rad: (f64, f64),
-    /// Largest speed, in rad/s; 0 where the file does not say.
-    pub velocity_rad_s: f64,
-    /// Largest torque, in N m; 0 where the file does not say.
-    pub effort_nm: f64,
-    /// Follows another joint.
-    pub mimics: bool,
+    /// Smallest and largest position, in rad or m.
+    pub range: (f64, f64),
+    /// Largest speed, in rad/s or m/s; 0 where the file does not say.
+    pub velocity: f64,
+    /// Largest torque or force, in N m or N; 0 where the file does not say.
+    pub effort: f64,
+    /// The joint that it follows, where it does.
+    pub mimic: Option<Mimic>,
+}
+
+impl UrdfJoint {
+    /// Whether it moves by a position of its own.
+    pub(super) fn is_driven(&self) -> bool {
+        self.mimic.is_none() && matches!(self.motion, JointMotion::Turns | JointMotion::Slides)
+    }
 }
 
 /// Mass distribution of one `<link>`, in the link's frame.
@@ -106,6 +131,8 @@ pub struct Urdf {
     pub joints: Vec<UrdfJoint>,
     /// Where the root element starts in the text.
     pub root_at: usize,
+    /// What was read although it cannot be meant, for the user: one sentence each.
+    pub notes: Vec<String>,
 }
 
 /// A value error of this file.
@@ -220,7 +247,25 @@ fn after_start_tag(text: &str, node: roxmltree::Node<'_, '_>) -> usize {
         .map_or(range.end, |k| end_of_attributes + k + 1)
 }
 
-fn joint(path: &str, text: &str, node: roxmltree::Node<'_, '_>) -> Result<UrdfJoint, RobotFileError> {
+fn mimic(path: &str, owner: &str, node: roxmltree::Node<'_, '_>) -> Result<Mimic, RobotFileError> {
+    let read = |what: &'static str, default: f64| match node.attribute(what) {
+        Some(text) => number(path, || format!("{owner}: mimic {what}"), text),
+        None => Ok(default),
+    };
+    Ok(Mimic {
+        leader: node.attribute("joint").unwrap_or_default().to_owned(),
+        multiplier: read("multiplier", 1.0)?,
+        offset: read("offset", 0.0)?,
+    })
+}
+
+/// Reads a joint; limits that cannot be meant are named in `odd`.
+fn joint(
+    path: &str,
+    text: &str,
+    node: roxmltree::Node<'_, '_>,
+    odd: &mut Vec<String>,
+) -> Result<UrdfJoint, RobotFileError> {
     let name = node.attribute("name").unwrap_or_default().to_owned();
     let owner = format!("joint \"{name}\"");
     let link_of = |tag: &str| {
@@ -239,6 +284,7 @@ fn joint(path: &str, text: &str, node: roxmltree::Node<'_, '_>) -> Result<UrdfJo
     let kind = node.attribute("type").unwrap_or_default().to_owned();
     let motion = match kind.as_str() {
         "revolute" | "continuous" => JointMotion::Turns,
+        "prismatic" => JointMotion::Slides,
         "fixed" => JointMotion::Fixed,
         _ => JointMotion::Other,
     };
@@ -247,7 +293,7 @@ fn joint(path: &str, text: &str, node: roxmltree::Node<'_, '_>) -> Result<UrdfJo
         None => Vector3::x(),
     };
     let length = axis.norm();
-    if motion == JointMotion::Turns && length < 1e-9 {
+    if matches!(motion, JointMotion::Turns | JointMotion::Slides) && length < 1e-9 {
         return Err(value_error(
             path,
             format!("{owner}: axis xyz"),
@@ -255,22 +301,11 @@ fn joint(path: &str, text: &str, node: roxmltree::Node<'_, '_>) -> Result<UrdfJo
             "give the direction of the axis",
         ));
     }
-    let limit = child(node, "limit");
-    let read = |what: &'static str, default: f64| match limit.and_then(|n| n.attribute(what)) {
-        Some(text) => number(path, || format!("{owner}: limit {what}"), text),
-        None => Ok(default),
-    };
-    let turn = std::f64::consts::TAU;
-    let range_rad = if kind == "continuous" {
-        (-turn, turn)
-    } else {
-        (
-            read("lower", -std::f64::consts::PI)?,
-            read("upper", std::f64::consts::PI)?,
-        )
-    };
+    let limits = limits::read(path, &owner, &kind, child(node, "limit"))?;
+    let mimic = child(node, "mimic").map(|m| mimic(path, &owner, m)).transpose()?;
     let origin_node = child(node, "origin");
     let (xyz, rpy) = origin_numbers(path, &owner, origin_node)?;
+    odd.extend(limits.odd.iter().map(|what| format!("{owner}: {what}")));
     Ok(UrdfJoint {
         parent: link_of("parent")?,
         child: link_of("child")?,
@@ -284,14 +319,24 @@ fn joint(path: &str, text: &str, node: roxmltree::Node<'_, '_>) -> Result<UrdfJo
             |n| OriginPlace::Element(n.range()),
         ),
         axis: if length > 0.0 { axis / length } else { axis },
-        range_rad,
-        velocity_rad_s: read("velocity", 0.0)?,
-        effort_nm: read("effort", 0.0)?,
-        mimics: child(node, "mimic").is_some(),
+        range: limits.range,
+        velocity: limits.velocity,
+        effort: limits.effort,
+        mimic,
         name,
         motion,
         kind,
     })
+}
+
+/// How a description is parsed.
+fn parsing<'i>() -> roxmltree::ParsingOptions<'i> {
+    roxmltree::ParsingOptions {
+        // Entities could multiply without bound.
+        allow_dtd: false,
+        nodes_limit: MOST_NODES,
+        ..roxmltree::ParsingOptions::default()
+    }
 }
 
 /// What is wrong with an XML text, with the line where it is known.
@@ -330,13 +375,10 @@ impl Urdf {
                 e.line, e.limit, e.what
             ))
         })?;
-        let options = roxmltree::ParsingOptions {
-            // Entities could multiply without bound.
-            allow_dtd: false,
-            nodes_limit: MOST_NODES,
-            ..roxmltree::ParsingOptions::default()
-        };
-        let document = roxmltree::Document::parse_with_options(text, options).map_err(|e| syntax(xml_words(&e)))?;
+        let mut notes = Vec::new();
+        let readable = prefixes::readable(text, &mut notes);
+        let document =
+            roxmltree::Document::parse_with_options(&readable, parsing()).map_err(|e| syntax(xml_words(&e)))?;
         let root = document.root_element();
         if !root.has_tag_name("robot") {
             return Err(syntax(format!(
@@ -352,7 +394,9 @@ impl Urdf {
             bodies: HashMap::new(),
             joints: Vec::new(),
             root_at: root.range().start,
+            notes,
         };
+        let mut odd = Vec::new();
         for node in root.children() {
             if node.has_tag_name("link") {
                 let name = node.attribute("name").unwrap_or_default().to_owned();
@@ -361,9 +405,10 @@ impl Urdf {
                 }
                 urdf.links.push(name);
             } else if node.has_tag_name("joint") {
-                urdf.joints.push(joint(path, text, node)?);
+                urdf.joints.push(joint(path, text, node, &mut odd)?);
             }
         }
+        urdf.notes.extend(limits::said(&odd));
         urdf.unique()?;
         for (count, what) in [(urdf.joints.len(), "joints"), (urdf.links.len(), "links")] {
             if count > MOST_JOINTS {

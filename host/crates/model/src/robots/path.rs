@@ -1,0 +1,427 @@
+//! A path through a tree of joints: any number of joints that turn or slide, each at a position of its own or one that
+//! follows from others.
+//!
+//! ```text
+//!   columns (measured) ──▶ positions (rad, m), one per joint ──▶ frames ──▶ tip
+//!                 linear: position = offset + Σ factor · column
+//! ```
+//!
+//! The table of a [`RobotModel`] holds the turning joints alone. The path is what it leaves out too: sliding joints,
+//! joints that mimic others, and the columns that a recording of this arm has.
+
+use nalgebra::{Matrix3, Vector3};
+use spherecal_shared::robot::Pose;
+
+use super::error::RobotFileError;
+use super::frames::{compose, rot_axis, row_transform};
+use super::model::{Origin, RobotModel};
+use super::urdf::{JointMotion, Urdf, UrdfChain, UrdfJoint};
+
+/// Longest line of joints that each mimic the next.
+const MOST_LEADERS: usize = 20;
+
+/// How a joint moves along or about its axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JointKind {
+    /// About its axis; positions in rad.
+    Turns,
+    /// Along its axis; positions in m.
+    Slides,
+}
+
+/// A joint of a path.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PathJoint {
+    /// Its name; empty where nobody named it.
+    pub name: String,
+    /// How it moves.
+    pub kind: JointKind,
+    /// Its frame at position zero, in the frame of the joint before it (of the base for the first).
+    pub origin: Pose<f64>,
+    /// Unit axis in its own frame.
+    pub axis: Vector3<f64>,
+    /// Columns that drive it, each with its factor.
+    pub terms: Vec<(usize, f64)>,
+    /// Its position with all columns at zero, in rad or m.
+    pub offset: f64,
+}
+
+impl PathJoint {
+    /// The motion at a position (rad or m), in its own frame.
+    fn motion(&self, position: f64) -> Pose<f64> {
+        match self.kind {
+            JointKind::Turns => Pose {
+                rotation: rot_axis(&self.axis, position),
+                position: Vector3::zeros(),
+            },
+            JointKind::Slides => Pose {
+                rotation: Matrix3::identity(),
+                position: self.axis * position,
+            },
+        }
+    }
+}
+
+/// Joints from a base to a tip.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JointPath {
+    /// Names of the joints whose positions are measured.
+    pub columns: Vec<String>,
+    /// The joints, base to tip.
+    pub joints: Vec<PathJoint>,
+    /// The tip in the frame of the last joint.
+    pub end: Pose<f64>,
+}
+
+/// The frames of a path at one configuration, in the base frame.
+#[derive(Clone, Debug)]
+pub struct PathFrames {
+    /// Each joint's frame before its motion.
+    pub before: Vec<Pose<f64>>,
+    /// Each joint's frame behind its motion.
+    pub behind: Vec<Pose<f64>>,
+    /// The tip.
+    pub tip: Pose<f64>,
+}
+
+/// How a point and its body move per unit of a parameter, in the base frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Twist {
+    /// Motion of the point, in m per unit.
+    pub linear: Vector3<f64>,
+    /// Turn of the body, in rad per unit.
+    pub angular: Vector3<f64>,
+}
+
+impl JointPath {
+    /// Positions of all joints (rad, m) for measured `columns`; a missing column is zero.
+    pub fn positions(&self, columns: &[f64]) -> Vec<f64> {
+        let column = |k: usize| columns.get(k).copied().unwrap_or_default();
+        let terms = |joint: &PathJoint| joint.terms.iter().map(|&(k, factor)| factor * column(k)).sum::<f64>();
+        self.joints.iter().map(|joint| joint.offset + terms(joint)).collect()
+    }
+
+    /// Positions of the turning joints alone: the angles (rad) of the robot's table.
+    pub fn table_angles(&self, positions: &[f64]) -> Vec<f64> {
+        let pairs = self.joints.iter().zip(positions);
+        pairs
+            .filter(|(joint, _)| joint.kind == JointKind::Turns)
+            .map(|(_, q)| *q)
+            .collect()
+    }
+
+    /// All frames at joint `positions` (rad, m).
+    pub fn frames(&self, positions: &[f64]) -> PathFrames {
+        let mut frames = PathFrames {
+            before: Vec::with_capacity(self.joints.len()),
+            behind: Vec::with_capacity(self.joints.len()),
+            tip: Pose::identity(),
+        };
+        let mut at = Pose::identity();
+        for (joint, &position) in self.joints.iter().zip(positions) {
+            let before = compose(&at, &joint.origin);
+            at = compose(&before, &joint.motion(position));
+            frames.before.push(before);
+            frames.behind.push(at);
+        }
+        frames.tip = compose(&at, &self.end);
+        frames
+    }
+
+    /// How `point` (m, base frame), fixed to the tip, moves per rad or m of joint `k`.
+    pub fn joint_column(&self, frames: &PathFrames, k: usize, point: &Vector3<f64>) -> Twist {
+        let (Some(joint), Some(frame)) = (self.joints.get(k), frames.behind.get(k)) else {
+            return Twist {
+                linear: Vector3::zeros(),
+                angular: Vector3::zeros(),
+            };
+        };
+        let axis = frame.rotation * joint.axis;
+        match joint.kind {
+            JointKind::Turns => Twist {
+                linear: axis.cross(&(point - frame.position)),
+                angular: axis,
+            },
+            JointKind::Slides => Twist {
+                linear: axis,
+                angular: Vector3::zeros(),
+            },
+        }
+    }
+
+    /// How `point` (m, base frame), fixed to the tip, moves when the origin of joint `k` is shifted along its own x, y
+    /// and z (per m) and turned about them (per rad); for `k` equal to the number of joints, the tip.
+    pub fn origin_columns(&self, frames: &PathFrames, k: usize, point: &Vector3<f64>) -> [Twist; 6] {
+        let frame = frames.before.get(k).unwrap_or(&frames.tip);
+        std::array::from_fn(|n| {
+            let axis: Vector3<f64> = frame.rotation.column(n % 3).into();
+            if n < 3 {
+                Twist {
+                    linear: axis,
+                    angular: Vector3::zeros(),
+                }
+            } else {
+                Twist {
+                    linear: axis.cross(&(point - frame.position)),
+                    angular: axis,
+                }
+            }
+        })
+    }
+}
+
+/// The columns that drive a joint of a URDF, by name and factor, and its offset.
+fn law(urdf: &Urdf, joint: &UrdfJoint) -> Result<(String, f64, f64), RobotFileError> {
+    let (mut at, mut factor, mut offset) = (joint, 1.0, 0.0);
+    for _ in 0..MOST_LEADERS {
+        let Some(mimic) = &at.mimic else {
+            return Ok((at.name.clone(), factor, offset));
+        };
+        offset += factor * mimic.offset;
+        factor *= mimic.multiplier;
+        match urdf.joints.iter().find(|j| j.name == mimic.leader) {
+            Some(leader) => at = leader,
+            None => break,
+        }
+    }
+    Err(RobotFileError::Value {
+        path: urdf.path.clone(),
+        field: format!("joint \"{}\": mimic", joint.name),
+        value: joint.mimic.as_ref().map_or_else(String::new, |m| m.leader.clone()),
+        remedy: "name a joint of the file that moves by itself".to_owned(),
+    })
+}
+
+fn of_urdf(urdf: &Urdf, chain: &UrdfChain) -> Result<JointPath, RobotFileError> {
+    let mut path = JointPath {
+        columns: Vec::new(),
+        joints: Vec::new(),
+        end: Pose::identity(),
+    };
+    let mut origin = Pose::identity();
+    for &i in &chain.path {
+        let joint = &urdf.joints[i];
+        origin = compose(&origin, &joint.origin);
+        let kind = match joint.motion {
+            JointMotion::Turns => JointKind::Turns,
+            JointMotion::Slides => JointKind::Slides,
+            JointMotion::Fixed | JointMotion::Other => continue,
+        };
+        let (column, factor, offset) = law(urdf, joint)?;
+        let number = path
+            .columns
+            .iter()
+            .position(|c| *c == column)
+            .unwrap_or(path.columns.len());
+        if number == path.columns.len() {
+            path.columns.push(column);
+        }
+        path.joints.push(PathJoint {
+            name: joint.name.clone(),
+            kind,
+            origin: std::mem::replace(&mut origin, Pose::identity()),
+            axis: joint.axis,
+            terms: vec![(number, factor)],
+            offset,
+        });
+    }
+    path.end = origin;
+    Ok(path)
+}
+
+impl RobotModel {
+    /// The joints from the root frame to the flange, sliding and following ones included.
+    ///
+    /// # Errors
+    /// A joint that mimics one that the file does not hold.
+    pub fn joint_path(&self) -> Result<JointPath, RobotFileError> {
+        if let Origin::Urdf(source) = &self.origin {
+            return of_urdf(&source.0, &source.1);
+        }
+        let joint = |(k, row)| PathJoint {
+            name: self.joint_names.get(k).cloned().unwrap_or_default(),
+            kind: JointKind::Turns,
+            origin: if k == 0 {
+                compose(&self.base, &row_transform(row, 0.0))
+            } else {
+                row_transform(row, 0.0)
+            },
+            axis: Vector3::z(),
+            terms: vec![(k, 1.0)],
+            offset: 0.0,
+        };
+        let joints: Vec<PathJoint> = self.rows().iter().enumerate().map(joint).collect();
+        let name = |(k, joint): (usize, &PathJoint)| match joint.name.as_str() {
+            "" => format!("q{}", k + 1),
+            name => name.to_owned(),
+        };
+        Ok(JointPath {
+            columns: joints.iter().enumerate().map(name).collect(),
+            joints,
+            end: self.flange,
+        })
+    }
+
+    /// Refuses a robot that its table does not describe alone: one with joints that slide or follow others. Everything
+    /// that commands an arm needs a plain one.
+    ///
+    /// # Errors
+    /// The first such joint.
+    pub fn plain(self) -> Result<Self, RobotFileError> {
+        let path = self.joint_path()?;
+        let odd = path
+            .joints
+            .iter()
+            .enumerate()
+            .find(|(k, joint)| joint.kind != JointKind::Turns || joint.offset != 0.0 || joint.terms != [(*k, 1.0)]);
+        match (odd, &self.origin) {
+            (Some((_, joint)), Origin::Urdf(source)) => Err(RobotFileError::Value {
+                path: source.0.path.clone(),
+                field: format!("joint \"{}\": type", joint.name),
+                value: if joint.kind == JointKind::Slides {
+                    "prismatic"
+                } else {
+                    "mimic"
+                }
+                .to_owned(),
+                remedy: format!(
+                    "only `identify` and `robot show` take a chain with such a joint; name another base or tip as \
+                     {}#BASE:TIP",
+                    source.0.path
+                ),
+            }),
+            _ => Ok(self),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::frames::{distance, from_rpy};
+    use super::*;
+
+    fn pose() -> impl Strategy<Value = Pose<f64>> {
+        (
+            proptest::array::uniform3(-1.0..1.0_f64),
+            proptest::array::uniform3(-3.0..3.0_f64),
+        )
+            .prop_map(|(at, rpy)| Pose {
+                rotation: from_rpy(rpy),
+                position: at.into(),
+            })
+    }
+
+    /// Up to 20 joints of both kinds, each driven by one or two columns.
+    fn path() -> impl Strategy<Value = (JointPath, Vec<f64>)> {
+        let joint = (
+            pose(),
+            any::<bool>(),
+            proptest::array::uniform3(-1.0..1.0_f64),
+            -1.0..1.0_f64,
+            any::<bool>(),
+        );
+        (
+            proptest::collection::vec(joint, 1..=20),
+            pose(),
+            proptest::collection::vec(-2.0..2.0_f64, 20),
+        )
+            .prop_map(|(joints, end, q)| {
+                let count = joints.len();
+                let joints = joints
+                    .into_iter()
+                    .enumerate()
+                    .map(|(k, (origin, slides, axis, factor, coupled))| PathJoint {
+                        name: format!("j{k}"),
+                        kind: if slides { JointKind::Slides } else { JointKind::Turns },
+                        origin,
+                        axis: (Vector3::from(axis) + Vector3::z() * 2.0).normalize(),
+                        terms: if coupled {
+                            vec![(k, 1.0), ((k + 1) % count, factor)]
+                        } else {
+                            vec![(k, 1.0)]
+                        },
+                        offset: factor,
+                    });
+                let joints: Vec<PathJoint> = joints.collect();
+                let columns = (0..count).map(|k| format!("j{k}")).collect();
+                (JointPath { columns, joints, end }, q[..count].to_vec())
+            })
+    }
+
+    /// A pose shifted along and turned about its own axis `n` of six.
+    fn nudged(pose: &Pose<f64>, n: usize, step: f64) -> Pose<f64> {
+        let axis = Vector3::from_fn(|r, _| f64::from(r == n % 3));
+        let own = if n < 3 {
+            Pose {
+                position: axis * step,
+                ..Pose::identity()
+            }
+        } else {
+            Pose {
+                rotation: rot_axis(&axis, step),
+                ..Pose::identity()
+            }
+        };
+        compose(pose, &own)
+    }
+
+    /// Half the difference of two tips per step, as a motion of the tip's origin and a turn.
+    fn difference(plus: &Pose<f64>, minus: &Pose<f64>, step: f64) -> (Vector3<f64>, Matrix3<f64>) {
+        (
+            (plus.position - minus.position) / (2.0 * step),
+            (plus.rotation - minus.rotation) * minus.rotation.transpose() / (2.0 * step),
+        )
+    }
+
+    proptest! {
+        // Fails if a column of the Jacobian is not what a small motion of a joint or a small error of an origin does, for
+        // turning and sliding joints, or if a coupled joint does not follow its columns.
+        #[test]
+        fn columns_are_the_finite_differences((path, columns) in path()) {
+            let step = 1e-6;
+            let q = path.positions(&columns);
+            let frames = path.frames(&q);
+            let check = |twist: Twist, plus: &Pose<f64>, minus: &Pose<f64>| {
+                let (linear, turn) = difference(plus, minus, step);
+                let reach = 1.0 + frames.tip.position.norm() + 20.0;
+                let off = (twist.linear - linear).amax() / reach;
+                // To first order in the step, the turn is that of the angular part.
+                let turned = (twist.angular.cross_matrix() - turn).amax();
+                off < 1e-6 && turned < 1e-5
+            };
+            for k in 0..path.joints.len() {
+                let moved = |s: f64| { let mut q = q.clone(); q[k] += s; path.frames(&q).tip };
+                let column = path.joint_column(&frames, k, &frames.tip.position);
+                prop_assert!(check(column, &moved(step), &moved(-step)), "joint {}", k);
+            }
+            for k in 0..=path.joints.len() {
+                let columns = path.origin_columns(&frames, k, &frames.tip.position);
+                for (n, column) in columns.into_iter().enumerate() {
+                    let moved = |s: f64| {
+                        let mut path = path.clone();
+                        let pose = path.joints.get_mut(k).map(|j| &mut j.origin);
+                        match pose {
+                            Some(pose) => *pose = nudged(pose, n, s),
+                            None => path.end = nudged(&path.end, n, s),
+                        }
+                        path.frames(&q).tip
+                    };
+                    prop_assert!(check(column, &moved(step), &moved(-step)), "origin {} {}", k, n);
+                }
+            }
+        }
+    }
+
+    // Fails if the path of a built-in robot ends elsewhere than its table.
+    #[test]
+    fn the_path_of_a_table_is_the_table() {
+        for name in spherecal_shared::robot::BUILT_IN {
+            let model = super::super::built_in(name).unwrap();
+            let path = model.joint_path().unwrap();
+            let q: Vec<f64> = (0..model.robot.dof()).map(|k| 0.3 - 0.4 * k as f64).collect();
+            assert!(distance(&path.frames(&q).tip, &model.flange_at(&q)) < 1e-12, "{name}");
+        }
+    }
+}
