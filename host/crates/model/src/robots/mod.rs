@@ -25,6 +25,7 @@ pub mod urdf;
 mod urdf_in;
 mod urdf_out;
 mod vendor;
+mod yaml_entries;
 
 use std::path::Path;
 
