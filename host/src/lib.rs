@@ -22,12 +22,14 @@
 //! | [`plan`] | selects spheres and poses |
 //! | [`identify`] | calibration from plain data |
 //! | [`bag`] | ROS 2 bags as tables of poses |
+//! | [`explain`] | why a table does not fit a robot |
 //! | [`model`] | robots, kinematics, measured data |
 
 pub mod cli;
 
 pub use spherecal_bag as bag;
 pub use spherecal_campaign as campaign;
+pub use spherecal_explain as explain;
 pub use spherecal_identify as identify;
 pub use spherecal_job as job;
 pub use spherecal_lab as lab;

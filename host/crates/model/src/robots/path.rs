@@ -16,6 +16,7 @@ use super::error::RobotFileError;
 use super::frames::{compose, rot_axis, row_transform};
 use super::model::{Origin, RobotModel};
 use super::urdf::{JointMotion, Urdf, UrdfChain, UrdfJoint};
+use crate::excerpt;
 
 /// Longest line of joints that each mimic the next.
 const MOST_LEADERS: usize = 20;
@@ -292,6 +293,49 @@ impl RobotModel {
             }),
             _ => Ok(self),
         }
+    }
+}
+
+impl RobotModel {
+    /// The chain from base to tip in words: its frames and joints by name, and why it ends there. `None` for a robot that
+    /// is not from a URDF.
+    pub fn chain_words(&self) -> Option<String> {
+        let Origin::Urdf(source) = &self.origin else {
+            return None;
+        };
+        let (urdf, chain) = source.as_ref();
+        let names: Vec<String> = chain
+            .path
+            .iter()
+            .map(|&i| &urdf.joints[i])
+            .filter_map(|joint| match (joint.motion, &joint.mimic) {
+                (JointMotion::Fixed | JointMotion::Other, _) => None,
+                (_, Some(mimic)) => Some(format!("{} (follows {})", excerpt(&joint.name), excerpt(&mimic.leader))),
+                (JointMotion::Slides, None) => Some(format!("{} (slides)", excerpt(&joint.name))),
+                (JointMotion::Turns, None) => Some(excerpt(&joint.name)),
+            })
+            .collect();
+        Some(format!(
+            "{} - {} - {}: {}",
+            excerpt(&chain.root),
+            names.join(", "),
+            excerpt(&chain.tip),
+            chain.why
+        ))
+    }
+
+    /// Joints of the file that move and are not on the chain, each with its type and its parent link.
+    pub fn left_out(&self) -> Vec<String> {
+        let Origin::Urdf(source) = &self.origin else {
+            return Vec::new();
+        };
+        let (urdf, chain) = source.as_ref();
+        let beside = |(i, joint): &(usize, &UrdfJoint)| joint.motion != JointMotion::Fixed && !chain.path.contains(i);
+        let words = |(_, joint): (usize, &UrdfJoint)| {
+            let kind = if joint.mimic.is_some() { "mimic" } else { &joint.kind };
+            format!("{} ({kind}, on {})", excerpt(&joint.name), excerpt(&joint.parent))
+        };
+        urdf.joints.iter().enumerate().filter(beside).map(words).collect()
     }
 }
 
