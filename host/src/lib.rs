@@ -21,6 +21,7 @@
 //! | [`plan`] | selects spheres and poses |
 //! | [`identify`] | calibration from plain data |
 //! | [`bag`] | ROS 2 bags as tables of poses |
+//! | [`explain`] | why a table does not fit a robot |
 //! | [`model`] | robots, kinematics, measured data |
 
 pub mod cli;
@@ -28,6 +29,7 @@ pub mod simulated;
 
 pub use spherecal_bag as bag;
 pub use spherecal_campaign as campaign;
+pub use spherecal_explain as explain;
 pub use spherecal_identify as identify;
 pub use spherecal_job as job;
 pub use spherecal_link as link;

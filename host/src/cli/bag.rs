@@ -18,9 +18,13 @@ pub(super) const POSES: &str = "poses-of-bag.csv";
 #[derive(Args, Clone, Debug)]
 pub struct BagArgs {
     /// Topics that are taken of a bag: one of joint states, and one of points or contacts. Needed where several could be
-    /// meant, and for geometry_msgs/PoseStamped, TransformStamped and std_msgs/Int8 to UInt64 (number of the sphere).
+    /// meant, and for geometry_msgs/PoseStamped, TransformStamped, PoseArray, nav_msgs/Odometry, tf2_msgs/TFMessage and std_msgs/Int8 to
+    /// UInt64 (number of the sphere).
     #[arg(long, value_name = "A,B", value_delimiter = ',', requires = "data")]
     pub topics: Vec<String>,
+    /// The transform of a bag that is the target, by its frames, on a topic of tf2_msgs/TFMessage that --topics names.
+    #[arg(long, value_name = "PARENT:CHILD", requires = "topics")]
+    pub tf: Option<String>,
     /// Band in which every joint of a bag stays while the arm rests, in mrad.
     #[arg(long, value_name = "MRAD", default_value = "0.5", requires = "data", value_parser = band)]
     pub rest_mrad: f64,
@@ -112,8 +116,15 @@ fn wanted(args: &BagArgs, names: Vec<String>, model: &RobotModel) -> Result<Want
             sorted.len()
         )));
     }
+    let transform = args.tf.as_deref().map(|text| {
+        text.split_once(':')
+            .filter(|(parent, child)| !parent.is_empty() && !child.is_empty())
+            .map(|(parent, child)| (parent.to_owned(), child.to_owned()))
+            .ok_or_else(|| CliError::input("--tf: write PARENT:CHILD, such as camera_link:marker_3"))
+    });
     Ok(Wanted {
         other_joints,
+        transform: transform.transpose()?,
         topics: args.topics.clone(),
         rest_rad: args.rest_mrad * 1e-3,
         effort_nm: args.effort_nm,

@@ -9,11 +9,13 @@ use spherecal_model::{read_text, read_toml, write_file};
 use super::args::{BadValue, StoredArgs};
 use super::bag::{BagArgs, BagTables, POSES};
 use super::exit::{CliError, Exit};
+use super::explain;
 use super::out::{errln, outln};
 use super::stages;
 use super::study_progress::StudyProgress;
+use super::table::{TableArgs, put_right};
 use spherecal_identify::study::{
-    Sources, StudyError, StudyRequest, StudyStep, TableSource, anonymous_csv, sources, study_of,
+    Sources, StudyError, StudyRequest, StudyStep, TableSource, anonymous_csv, assemble, sources, study_of,
 };
 use spherecal_identify::{Method, Model, Options};
 use spherecal_job::CertificateSection;
@@ -33,10 +35,11 @@ use spherecal_store::time::now_utc;
 /// (x1_mm,y1_mm,z1_mm,x2_mm,..: up to six, target 1 is the TCP; empty where one was hidden), a pose
 /// (x_mm,y_mm,z_mm with qw,qx,qy,qz or r11..r33, in the tracker frame), or the sphere on which the tool sat
 /// (sphere, and place if the plate was moved). Optional column: set = calibrate | validate. Other
-/// columns are refused; exclude them with --ignore-columns.
+/// columns are refused; exclude them with --ignore-columns or --ignore-rest.
 ///
-/// Accepted formats: commas, semicolons or tabs; decimal points or commas; UTF-8 or UTF-16; up to 5
-/// million rows and 2 GiB.
+/// Accepted formats: commas, semicolons, tabs or blanks; decimal points or commas; UTF-8 or UTF-16; a header in a comment;
+/// up to 5 million rows and 2 GiB. Rows without a value (nan) are left out and counted. Any other table is read with
+/// --columns (docs/sources.md).
 ///
 /// In place of a table, --data and --validate take a ROS 2 bag in MCAP (file or folder) with sensor_msgs/JointState and
 /// geometry_msgs/PointStamped: each rest of the arm with a point is a pose. A point in a frame sphere_N is a contact with
@@ -49,7 +52,7 @@ use spherecal_store::time::now_utc;
     spherecal identify --robot arm.urdf --data my_bag --topics /joint_states,/leica/point\n\n\
     Exit codes: 0 done; 1 failed; 2 wrong input; 3 finished, but the result is not to be trusted.")]
 pub struct IdentifyArgs {
-    /// Built-in name, FILE.toml, FILE.urdf, or FILE.urdf#LINK for the chain to that link.
+    /// Built-in name, FILE.toml, FILE.urdf, FILE.urdf#TIP, or FILE.urdf#BASE:TIP for the chain between these links.
     #[arg(long, value_name = "NAME|FILE", requires = "data")]
     pub robot: Option<String>,
     /// Table of poses, or a ROS 2 bag in MCAP.
@@ -97,6 +100,12 @@ pub struct IdentifyArgs {
     ///
     #[arg(long, value_name = "X,Y", value_delimiter = ',')]
     pub ignore_columns: Vec<String>,
+    #[command(flatten)]
+    pub table: TableArgs,
+    /// Search for what is wrong with the table (signs, order, zeros, couplings, units, tool, another robot), say it, and
+    /// identify nothing. A table that does not fit is searched in any case.
+    #[arg(long, requires = "data")]
+    pub explain: bool,
     #[command(flatten)]
     pub bag: BagArgs,
     /// Options as TOML: noise, priors and fixed parameters, harmonics.
@@ -204,7 +213,7 @@ fn with_bags<'a>(
     Ok(Sources {
         data: table(&request.data, &tables.data),
         validate: request.validate.as_deref().map(|path| table(path, &tables.validate)),
-        notes: tables.notes.clone(),
+        notes: model.notes.iter().chain(&tables.notes).cloned().collect(),
         ..sources(request, model)?
     })
 }
@@ -228,6 +237,38 @@ fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
         file.sync_all()
     });
     written.map_err(|error| CliError::job(format!("--anonymise: {} cannot be written: {error}", path.display())))
+}
+
+/// `spherecal identify --explain`
+fn say_what_is_wrong(request: &StudyRequest, sources: Sources<'_>) -> Result<Exit, CliError> {
+    // A table that cannot be read is refused in the words of the identification.
+    let found = match explain::explained(request, sources.clone()) {
+        Some(found) => found,
+        None => {
+            return Err(CliError::input(assemble(request, sources, &mut |_| {}).map_or_else(
+                |e| e.to_string(),
+                |_| "the joints of this robot cannot be told apart: name its base and tip".to_owned(),
+            )));
+        }
+    };
+    if !found.own_m.is_finite() {
+        outln!("the table has too few rows to search for what is wrong: ten are needed");
+    } else if found.found.is_empty() && !found.readout {
+        let fits = found.own_m < spherecal_explain::GOOD_M;
+        let kept = format!("the rows fit to {:.3} mm as they are", found.own_m * 1e3);
+        outln!(
+            "{}",
+            if fits {
+                kept
+            } else {
+                format!("{kept}; {}", found.none_of_these())
+            }
+        );
+    }
+    for sentence in found.sentences() {
+        outln!("{sentence}");
+    }
+    Ok(Exit::Done)
 }
 
 /// `spherecal identify`
@@ -257,15 +298,30 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
     }
     let mut view = StudyProgress::new();
     let mut request = request(args, robot, data).map_err(refuse)?;
-    let model = robots::load(&request.robot).map_err(|e| refuse(e.into()))?;
+    let model = robots::load_path(&request.robot).map_err(|e| refuse(e.into()))?;
+    if let Some(chain) = model.chain_words() {
+        errln!("spherecal: the arm is {chain}");
+    }
     let tables = BagTables::read(&args.bag, &mut request, &model, &mut |p| {
         view.show(StudyStep::Reading(p));
     });
-    let tables = tables.inspect_err(|_| view.finish())?;
+    let mut tables = tables.inspect_err(|_| view.finish())?;
+    let from_bag = tables.data.clone();
+    put_right(&args.table, &mut request, &model, &mut tables).inspect_err(|_| view.finish())?;
     let sources = with_bags(&request, model, &tables).map_err(refuse)?;
-    let study = study_of(&request, sources, &mut |step| view.show(step));
+    if args.explain {
+        view.finish();
+        return say_what_is_wrong(&request, sources);
+    }
+    let study = study_of(&request, sources.clone(), &mut |step| view.show(step));
     view.finish();
-    let study = study.map_err(refuse)?;
+    let study = study.map_err(|error| {
+        if !explain::may_explain(&error) {
+            return refuse(error);
+        }
+        let found = explain::explained(&request, sources);
+        CliError::input(explain::with_reason(&error, found.as_ref()))
+    })?;
     if let Some(path) = &args.anonymise {
         write_new(path, &anonymous_csv(&study.recordings))?;
         errln!(
@@ -281,7 +337,7 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
         errln!("spherecal: {moved}");
     }
     let poses = args.out.join(POSES);
-    if let Some(csv) = &tables.data {
+    if let Some(csv) = &from_bag {
         write_file(&poses, csv.as_bytes()).map_err(|e| CliError::job(format!("{}: {e}", poses.display())))?;
     }
     if args.json {
@@ -291,7 +347,7 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
         for path in &files.paths {
             outln!("  {}", path.display());
         }
-        if tables.data.is_some() {
+        if from_bag.is_some() {
             outln!("  {}", poses.display());
         }
     }

@@ -8,7 +8,9 @@ use spherecal_shared::robot::BUILT_IN;
 use super::exit::{CliError, Exit};
 use super::out::outln;
 use spherecal_job::JobError;
-use spherecal_model::robots::{self, RobotModel, toml_file, write_kinematics_yaml, write_urdf};
+use spherecal_model::robots::{
+    self, JointKind, PathJoint, RobotFileError, RobotModel, toml_file, write_kinematics_yaml, write_urdf,
+};
 use spherecal_model::{Pose, write_file};
 
 /// Arguments of `robot`.
@@ -32,7 +34,7 @@ pub enum RobotAction {
     /// Show a robot: table, limits, masses, tool.
     #[command(after_help = "Example: spherecal robot show arm.urdf")]
     Show {
-        /// Built-in name, FILE.toml, FILE.urdf, or FILE.urdf#LINK for the chain to that link.
+        /// Built-in name, FILE.toml, FILE.urdf, FILE.urdf#TIP, or FILE.urdf#BASE:TIP for the chain between these links.
         #[arg(value_name = "NAME|FILE")]
         robot: String,
         /// Print one JSON document on stdout and nothing else.
@@ -48,7 +50,7 @@ pub enum RobotAction {
         after_help = "Examples:\n  spherecal robot convert arm.urdf arm.toml\n  spherecal robot convert spherecal-out/calibrated.toml my_ur5e_calibration.yaml"
     )]
     Convert {
-        /// Built-in name, FILE.toml, FILE.urdf, FILE.urdf#LINK, or FILE.yaml (joint origins).
+        /// Built-in name, FILE.toml, FILE.urdf, FILE.urdf#TIP, FILE.urdf#BASE:TIP, or FILE.yaml (joint origins).
         #[arg(value_name = "NAME|FILE")]
         robot: String,
         /// File to write.
@@ -61,8 +63,8 @@ pub enum RobotAction {
 pub(super) fn run(args: &RobotArgs) -> Result<Exit, CliError> {
     match &args.action {
         RobotAction::List { json } => list(*json),
-        RobotAction::Show { robot, json: false } => show(&robots::load(robot)?),
-        RobotAction::Show { robot, json: true } => outln!("{:#}", document(&robots::load(robot)?)),
+        RobotAction::Show { robot, json: false } => show(&robots::load_path(robot)?)?,
+        RobotAction::Show { robot, json: true } => outln!("{:#}", document(&robots::load_path(robot)?)?),
         RobotAction::Convert { robot, to } => convert(&robots::load(robot)?, to)?,
     }
     Ok(Exit::Done)
@@ -87,8 +89,26 @@ fn list(json: bool) {
 }
 
 /// A robot as JSON: SI units, named in the fields.
-fn document(model: &RobotModel) -> serde_json::Value {
-    serde_json::json!({
+fn document(model: &RobotModel) -> Result<serde_json::Value, RobotFileError> {
+    let path = model.joint_path()?;
+    let joints = path.joints.iter().map(|joint| {
+        let by = joint
+            .terms
+            .iter()
+            .map(|(k, factor)| serde_json::json!({ "column": path.columns.get(*k), "factor": factor }));
+        serde_json::json!({
+            "name": joint.name,
+            "kind": if joint.kind == JointKind::Turns { "turns" } else { "slides" },
+            "origin": pose_document(&joint.origin),
+            "axis": joint.axis.as_slice(),
+            "driven_by": by.collect::<Vec<_>>(),
+            "offset": joint.offset,
+        })
+    });
+    Ok(serde_json::json!({
+        "chain": joints.collect::<Vec<_>>(),
+        "left_out": model.left_out(),
+        "notes": model.notes,
         "name": model.robot.name.as_str(),
         "convention": "modified Denavit-Hartenberg; Hayati's beta about y where consecutive axes are near parallel",
         "joints": model.robot.joints,
@@ -97,7 +117,7 @@ fn document(model: &RobotModel) -> serde_json::Value {
         "flange": model.frame_names.1,
         "f0_in_root": pose_document(&model.base),
         "flange_in_fn": pose_document(&model.flange),
-    })
+    }))
 }
 
 /// Roll, pitch and yaw of a pose (about x, then y, then z, fixed axes), in rad.
@@ -131,7 +151,7 @@ fn pose_words(pose: &Pose<f64>) -> String {
     )
 }
 
-fn show(model: &RobotModel) {
+fn show(model: &RobotModel) -> Result<(), RobotFileError> {
     outln!(
         "{}, {} joints (modified DH, mm and degrees)\n",
         model.robot.name,
@@ -180,6 +200,58 @@ fn show(model: &RobotModel) {
         "  tool: TCP ({x:.3}, {y:.3}, {z:.3}) mm in the flange frame, {:.3} kg",
         model.tool.body.mass_kg
     );
+    chain(model)
+}
+
+/// Base, joints by name with their axes, tip, and what is beside the chain.
+fn chain(model: &RobotModel) -> Result<(), RobotFileError> {
+    let path = model.joint_path()?;
+    let (base, tip) = &model.frame_names;
+    if let Some(words) = model.chain_words() {
+        outln!("\n  chain: {words}");
+    }
+    let named = |joint: &PathJoint| joint.name.chars().count();
+    let width = path.joints.iter().map(named).max().unwrap_or(0).clamp(5, 40);
+    outln!("\n  {base}");
+    let zero = vec![0.0; path.columns.len()];
+    let frames = path.frames(&path.positions(&zero));
+    for (joint, frame) in path.joints.iter().zip(&frames.before) {
+        let three = |v: [f64; 3]| v.map(|x| format!("{:.4}", (x * 1e4).round() / 1e4 + 0.0)).join(", ");
+        let kind = if joint.kind == JointKind::Turns {
+            "turns about"
+        } else {
+            "slides along"
+        };
+        let follows = joint.terms.iter().map(|(k, factor)| {
+            let column = path.columns.get(*k).map_or("", String::as_str);
+            if *factor == 1.0 {
+                column.to_owned()
+            } else {
+                format!("{factor} x {column}")
+            }
+        });
+        let follows: Vec<String> = follows.collect();
+        let follows = if follows == [joint.name.clone()] || joint.name.is_empty() {
+            String::new()
+        } else {
+            format!(", follows {}", follows.join(" + "))
+        };
+        outln!(
+            "   |- {:width$} {kind} ({}) at ({}) mm{follows}",
+            joint.name,
+            three((frame.rotation * joint.axis).into()),
+            three((frame.position * 1e3).into()),
+        );
+    }
+    outln!("  {tip}   (axes and places in {base}, all joints at zero)");
+    let left_out = model.left_out();
+    if !left_out.is_empty() {
+        outln!("\n  not on the chain: {}", left_out.join("; "));
+    }
+    for note in &model.notes {
+        outln!("\n  note: {note}");
+    }
+    Ok(())
 }
 
 fn convert(model: &RobotModel, to: &Path) -> Result<(), CliError> {

@@ -32,6 +32,18 @@ pub enum BagError {
         /// What was found.
         what: String,
     },
+    /// A bag in SQLite that cannot be read.
+    #[error(
+        "{}: is not a whole bag in SQLite ({}): `sqlite3 FILE .recover` saves what a killed recorder leaves",
+        printable(path),
+        printable(what)
+    )]
+    Database {
+        /// File.
+        path: String,
+        /// What SQLite said.
+        what: String,
+    },
     /// No topic, or several, could be meant.
     #[error("{}: {what}: {remedy}", printable(path))]
     Topics {

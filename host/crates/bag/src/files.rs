@@ -19,7 +19,15 @@ fn ending(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
 }
 
-/// Whether a path is meant as a bag and not as a table: a folder, an MCAP file, or a bag of a kind that
+/// How a file in SQLite begins.
+const SQLITE: &[u8] = b"SQLite f";
+
+/// Whether a file of a bag is in SQLite.
+pub(crate) fn is_sqlite(path: &Path) -> bool {
+    ending(path) == "db3" || head(path).is_ok_and(|head| head == SQLITE)
+}
+
+/// Whether a path is meant as a bag and not as a table: a folder, a file in MCAP or SQLite, or a bag of a kind that
 /// [`read_bag`](super::read_bag) refuses with the remedy.
 pub fn is_bag(path: &Path) -> bool {
     if path.is_dir() || matches!(ending(path).as_str(), "mcap" | "db3" | "bag") {
@@ -45,30 +53,31 @@ fn part(path: &Path) -> Option<u64> {
     path.file_stem()?.to_str()?.rsplit_once('_')?.1.parse().ok()
 }
 
-/// The MCAP files of a bag, in the order in which they were recorded.
+/// The files of a bag in MCAP or SQLite, in the order in which they were recorded.
 pub(crate) fn files(bag: &Path) -> Result<Vec<PathBuf>, BagError> {
     let refuse = |what: &str, remedy| BagError::Kind {
         path: bag.display().to_string(),
         what: what.to_owned(),
         remedy,
     };
-    const DB3: &str =
-        "convert it with `ros2 bag convert`, or with `rosbags-convert --src BAG --dst NEW --dst-storage mcap`";
     const ZSTD: &str = "unpack it with `zstd -d`, or record with `--compression-mode message`";
     if !bag.is_dir() {
         // Missing and special files are refused in the words of all files.
         let head = head(bag)?;
         return match ending(bag).as_str() {
-            _ if head == *mcap::MAGIC => Ok(vec![bag.to_owned()]),
+            _ if head == *mcap::MAGIC || head == SQLITE => Ok(vec![bag.to_owned()]),
             "zstd" => Err(refuse("is a compressed file", ZSTD)),
-            "db3" => Err(refuse("is a bag in SQLite", DB3)),
+            "db3" => Err(refuse(
+                "is no bag in SQLite: it does not begin as one",
+                "copy the bag again",
+            )),
             "bag" => Err(refuse(
                 "is a bag of ROS 1",
                 "convert it with `rosbags-convert --src BAG --dst NEW --dst-storage mcap`",
             )),
             _ => Err(refuse(
-                "does not begin as an MCAP file",
-                "give the bag that `ros2 bag record -s mcap` writes",
+                "does not begin as an MCAP file or a bag in SQLite",
+                "give the bag that `ros2 bag record` writes",
             )),
         };
     }
@@ -81,20 +90,22 @@ pub(crate) fn files(bag: &Path) -> Result<Vec<PathBuf>, BagError> {
         .map(|entry| entry.path())
         .take(10 * MOST_FILES)
         .collect();
-    let mut files: Vec<PathBuf> = all.iter().filter(|path| ending(path) == "mcap").cloned().collect();
+    let of = |kind: &str| -> Vec<PathBuf> { all.iter().filter(|path| ending(path) == kind).cloned().collect() };
+    let mut files = of("mcap");
+    if files.is_empty() {
+        files = of("db3");
+    }
     files.sort_by_key(|path| (part(path), path.clone()));
     if files.len() > MOST_FILES {
-        return Err(refuse("has more than 1000 MCAP files", "split it into several bags"));
+        return Err(refuse("has more than 1000 files", "split it into several bags"));
     }
     if files.is_empty() {
         let other = |kind: &str| all.iter().any(|path| ending(path) == kind);
-        return Err(if other("db3") {
-            refuse("is a bag in SQLite", DB3)
-        } else if other("zstd") {
+        return Err(if other("zstd") {
             refuse("holds compressed files", ZSTD)
         } else {
             refuse(
-                "is a folder without an MCAP file",
+                "is a folder without a file in MCAP or SQLite",
                 "name a table of poses, or the folder of a ROS 2 bag",
             )
         });

@@ -9,7 +9,8 @@
 //! |---|---|
 //! | `sensor_msgs/msg/JointState` | joint angles in rad, by name; `effort` where the caller says that it is N m |
 //! | `geometry_msgs/msg/PointStamped` | a measured point in m; in a frame `sphere_N` or `PLACE/sphere_N` a contact with sphere N |
-//! | `geometry_msgs/msg/PoseStamped`, `TransformStamped` | the same: the position counts, the orientation is left out |
+//! | `geometry_msgs/msg/PoseStamped`, `TransformStamped`, `PoseArray` (of one pose), `nav_msgs/msg/Odometry` | the same: the position counts, the orientation is left out |
+//! | `tf2_msgs/msg/TFMessage` | the same, of the transform between two frames that the caller names |
 //! | `std_msgs/msg/Int8` to `Int64`, `UInt8` to `UInt64` | a contact with the sphere of this number |
 //!
 //! **The pose of a rest.** The arm rests while no joint leaves a band of [`Wanted::rest_rad`] for at least [`REST_S`],
@@ -19,6 +20,8 @@
 //!
 //! **Times** are those of the headers. Where the targets have no header, or a header's time is zero, all times are those
 //! of the recorder.
+//!
+//! A bag is a file or folder in MCAP or SQLite (`.db3`). A file in MCAP that ends early gives its whole messages.
 //!
 //! The bag is read twice, as a stream: for the targets, then for the joint states. Memory is that of the targets
 //! ([`MOST_TARGETS`]) and of one record ([`MOST_RECORD_BYTES`]).
@@ -31,6 +34,7 @@ mod messages;
 mod poses;
 mod records;
 mod rests;
+mod sqlite;
 mod targets;
 mod topics;
 mod wanted;

@@ -14,12 +14,16 @@ pub(crate) enum TargetKind {
     Position,
     /// The same, with the name of a child frame between.
     Transform,
+    /// A number of transforms, of which the caller names one by its frames.
+    Transforms,
+    /// A header, then a number of poses: one counts.
+    Poses,
     /// A whole number of so many bytes.
     Number { bytes: u8, signed: bool },
 }
 
 /// All of them, with their names.
-pub(crate) const TARGETS: [(&str, TargetKind); 11] = {
+pub(crate) const TARGETS: [(&str, TargetKind); 14] = {
     const fn number(bytes: u8, signed: bool) -> TargetKind {
         TargetKind::Number { bytes, signed }
     }
@@ -27,6 +31,9 @@ pub(crate) const TARGETS: [(&str, TargetKind); 11] = {
         ("geometry_msgs/msg/PointStamped", TargetKind::Position),
         ("geometry_msgs/msg/PoseStamped", TargetKind::Position),
         ("geometry_msgs/msg/TransformStamped", TargetKind::Transform),
+        ("nav_msgs/msg/Odometry", TargetKind::Transform),
+        ("tf2_msgs/msg/TFMessage", TargetKind::Transforms),
+        ("geometry_msgs/msg/PoseArray", TargetKind::Poses),
         ("std_msgs/msg/Int8", number(1, true)),
         ("std_msgs/msg/Int16", number(2, true)),
         ("std_msgs/msg/Int32", number(4, true)),
@@ -80,8 +87,19 @@ fn sphere_of(frame: &str) -> Option<(u32, &str)> {
 /// Largest distance of a contact's point from the centre of the sphere in whose frame it is, in m.
 const AT_CENTRE_M: f64 = 1e-6;
 
-/// Reads a target: its header's time in ns, where it has one, and the place.
-pub(crate) fn target(kind: TargetKind, bytes: &[u8]) -> Result<(Option<i64>, ToolPlace<'_>), MessageRefusal> {
+/// A target with its header's time in ns, where it has one.
+type Found<'a> = (Option<i64>, ToolPlace<'a>);
+
+/// Most pairs of frames that a message lists.
+const LISTED: usize = 6;
+
+/// Reads a target. `pair` is the parent and child frame of the transform that is wanted of many. `None` for a message
+/// without one: another transform, or no pose.
+pub(crate) fn target<'a>(
+    kind: TargetKind,
+    bytes: &'a [u8],
+    pair: Option<&(String, String)>,
+) -> Result<Option<Found<'a>>, MessageRefusal> {
     let mut at = Cdr::new(bytes).map_err(broken)?;
     if let TargetKind::Number { bytes, signed } = kind {
         let number = at.whole(bytes, signed).map_err(broken)?;
@@ -91,16 +109,78 @@ pub(crate) fn target(kind: TargetKind, bytes: &[u8]) -> Result<(Option<i64>, Too
                 "give the id of a sphere of the plate, 0 to 4294967295".to_owned(),
             )
         })?;
-        return Ok((None, ToolPlace::Sphere { sphere, place: "" }));
+        return Ok(Some((None, ToolPlace::Sphere { sphere, place: "" })));
     }
-    let mut read = || {
-        let (time_ns, frame) = header(&mut at)?;
-        if kind == TargetKind::Transform {
-            at.text()?;
+    let position = |at: &mut Cdr<'a>| Ok::<_, CdrError>([at.f64()?, at.f64()?, at.f64()?]);
+    let turn = |at: &mut Cdr<'a>| (0..4).try_for_each(|_| at.f64().map(drop));
+    let found = match kind {
+        TargetKind::Transforms => {
+            let mut others = Vec::new();
+            let mut found = None;
+            for _ in 0..at.length().map_err(broken)? {
+                let mut read = || {
+                    let (time_ns, parent) = header(&mut at)?;
+                    let child = at.text()?;
+                    let point = position(&mut at)?;
+                    turn(&mut at)?;
+                    Ok((time_ns, parent, child, point))
+                };
+                let (time_ns, parent, child, point) = read().map_err(broken)?;
+                match pair {
+                    Some((wanted, own)) if wanted == parent && own == child => found = Some((time_ns, parent, point)),
+                    _ => others.push(format!("{}:{}", excerpt(parent), excerpt(child))),
+                }
+            }
+            if pair.is_none() {
+                others.truncate(LISTED);
+                return Err((
+                    "it holds the transforms of many frames".to_owned(),
+                    format!(
+                        "name the measured one by its frames: --tf PARENT:CHILD, such as {}",
+                        others.join(" or ")
+                    ),
+                ));
+            }
+            found
         }
-        Ok((time_ns, frame, [at.f64()?, at.f64()?, at.f64()?]))
+        TargetKind::Poses => {
+            let mut read = || {
+                let (time_ns, frame) = header(&mut at)?;
+                let count = at.length()?;
+                Ok((
+                    time_ns,
+                    frame,
+                    count,
+                    if count == 0 { [0.0; 3] } else { position(&mut at)? },
+                ))
+            };
+            let (time_ns, frame, count, point) = read().map_err(broken)?;
+            if count > 1 {
+                return Err((
+                    format!("it holds {count} poses"),
+                    "publish the pose of one target, as PoseStamped or as an array of one".to_owned(),
+                ));
+            }
+            (count == 1).then_some((time_ns, frame, point))
+        }
+        TargetKind::Position | TargetKind::Transform | TargetKind::Number { .. } => {
+            let mut read = || {
+                let (time_ns, frame) = header(&mut at)?;
+                if kind == TargetKind::Transform {
+                    at.text()?;
+                }
+                Ok((time_ns, frame, position(&mut at)?))
+            };
+            Some(read().map_err(broken)?)
+        }
     };
-    let (time_ns, frame, point) = read().map_err(broken)?;
+    found
+        .map(|(time_ns, frame, point)| Ok((time_ns, place(frame, point)?)))
+        .transpose()
+}
+
+/// Where a point (m) in a frame is.
+fn place(frame: &str, point: [f64; 3]) -> Result<ToolPlace<'_>, MessageRefusal> {
     if let Some((axis, value)) = ["x", "y", "z"].iter().zip(point).find(|(_, value)| !value.is_finite()) {
         return Err((
             format!("its {axis} is {value}"),
@@ -108,7 +188,7 @@ pub(crate) fn target(kind: TargetKind, bytes: &[u8]) -> Result<(Option<i64>, Too
         ));
     }
     let Some((sphere, place)) = sphere_of(frame) else {
-        return Ok((time_ns, ToolPlace::Point { frame, at: point }));
+        return Ok(ToolPlace::Point { frame, at: point });
     };
     if let Some((axis, value)) = ["x", "y", "z"]
         .iter()
@@ -122,7 +202,7 @@ pub(crate) fn target(kind: TargetKind, bytes: &[u8]) -> Result<(Option<i64>, Too
                 .to_owned(),
         ));
     }
-    Ok((time_ns, ToolPlace::Sphere { sphere, place }))
+    Ok(ToolPlace::Sphere { sphere, place })
 }
 
 /// The parts of a joint state.

@@ -89,7 +89,7 @@ impl Poses {
     }
 }
 
-/// Reads the poses of a bag: an MCAP file, or the folder of a bag in MCAP. `progress` counts the poses and bytes of both
+/// Reads the poses of a bag: a file in MCAP or SQLite, or the folder of a bag. `progress` counts the poses and bytes of both
 /// readings.
 ///
 /// # Errors

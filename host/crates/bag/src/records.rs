@@ -11,7 +11,8 @@ use mcap::{McapError, McapResult};
 use spherecal_model::{FileError, open_regular};
 
 use super::error::BagError;
-use super::files::{LARGER, MOST_BAG_BYTES};
+use super::files::{LARGER, MOST_BAG_BYTES, is_sqlite};
+use super::sqlite;
 
 /// Longest record that is read, in bytes: the most that a stream keeps in memory.
 pub const MOST_RECORD_BYTES: usize = 64 << 20;
@@ -55,14 +56,15 @@ impl From<McapError> for EarlyEnd {
 }
 
 /// `sensor_msgs/JointState` as `sensor_msgs/msg/JointState`.
-fn full_name(kind: &str) -> String {
+pub(crate) fn full_name(kind: &str) -> String {
     match kind.split_once('/') {
         Some((package, name)) if !name.contains('/') => format!("{package}/msg/{name}"),
         _ => kind.to_owned(),
     }
 }
 
-/// Calls `each` for every message of a file, in the file's order, and `progress` with the bytes read so far.
+/// Calls `each` for every message of a file, in the file's order, and `progress` with the bytes read so far. A file that
+/// ends early gives the messages that are whole; then returns so in words.
 ///
 /// # Errors
 /// A file that cannot be read or is damaged, and what `each` refuses.
@@ -70,14 +72,32 @@ pub(crate) fn each_message(
     path: &Path,
     progress: &mut dyn FnMut(u64),
     each: &mut dyn FnMut(&BagMessage<'_>) -> Result<(), BagError>,
-) -> Result<(), BagError> {
+) -> Result<Option<String>, BagError> {
+    if is_sqlite(path) {
+        return sqlite::each_message(path, progress, each).map(|()| None);
+    }
     let (file, _) = open_regular(path, MOST_BAG_BYTES, LARGER)?;
     let source = BufReader::with_capacity(PIECE, file.take(MOST_BAG_BYTES));
     let damaged = |what: String| BagError::Damaged {
         path: path.display().to_string(),
         what,
     };
-    read(source, progress, each).map_err(|ended| match ended {
+    let mut whole = 0_u64;
+    let mut count = |message: &BagMessage<'_>| {
+        whole += 1;
+        each(message)
+    };
+    let ended = match read(source, progress, &mut count) {
+        Ok(()) => return Ok(None),
+        Err(EarlyEnd::Mcap(McapError::UnexpectedEof)) if whole > 0 => {
+            return Ok(Some(format!(
+                "{} ends early, as a killed recorder leaves it: its {whole} whole messages were read",
+                spherecal_model::printable(&path.display().to_string())
+            )));
+        }
+        Err(ended) => ended,
+    };
+    Err(match ended {
         EarlyEnd::Caller(error) => error,
         EarlyEnd::System(source) => BagError::File(FileError::Read {
             path: path.display().to_string(),

@@ -9,6 +9,9 @@ pub const GAP_S: f64 = 0.5;
 /// Joint states count for a pose up to this time from a target, in s.
 pub const NEAR_S: f64 = 0.25;
 
+/// Lengths up to which times without motion are counted, in s; the last is [`REST_S`].
+pub(crate) const SHORT_S: [f64; 3] = [0.05, 0.15, REST_S];
+
 const REST_NS: i64 = (REST_S * 1e9) as i64;
 const GAP_NS: i64 = (GAP_S * 1e9) as i64;
 const NEAR_NS: i64 = (NEAR_S * 1e9) as i64;
@@ -134,6 +137,8 @@ pub(crate) struct Rests<'a> {
     pub(crate) left_out: usize,
     /// Rests, also without targets.
     pub(crate) count: usize,
+    /// Times without motion that are shorter than a rest, by [`SHORT_S`]; single joint states are none.
+    pub(crate) short: [u64; SHORT_S.len()],
     /// The longest time without motion, in ns.
     pub(crate) longest_ns: i64,
     /// Joint states that are older than the one before.
@@ -155,6 +160,7 @@ impl<'a> Rests<'a> {
             poses: Vec::new(),
             left_out: 0,
             count: 0,
+            short: [0; SHORT_S.len()],
             longest_ns: 0,
             backwards: 0,
             span_ns: None,
@@ -205,6 +211,10 @@ impl<'a> Rests<'a> {
         let lasts = still.to_ns - still.from_ns;
         self.longest_ns = self.longest_ns.max(lasts);
         if lasts < REST_NS {
+            let bin = SHORT_S.iter().position(|s| lasts as f64 * 1e-9 <= *s);
+            if let Some(count) = bin.filter(|_| lasts > 0).and_then(|bin| self.short.get_mut(bin)) {
+                *count += 1;
+            }
             return Ok(());
         }
         self.count += 1;

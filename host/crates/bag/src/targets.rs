@@ -46,10 +46,13 @@ pub(crate) struct Targets {
     pub(crate) by_header: bool,
     /// Number of joint states.
     pub(crate) joint_states: u64,
+    /// Files that end early, in words.
+    pub(crate) early: Vec<String>,
 }
 
 struct Scan<'a> {
     named: &'a [String],
+    transform: Option<&'a (String, String)>,
     topics: Topics,
     /// Time of the recorder, time of the header, place.
     found: Vec<(i64, Option<i64>, Where)>,
@@ -95,7 +98,9 @@ impl Scan<'_> {
                 "record the points at a lower rate, or split the bag".to_owned(),
             ));
         }
-        let (time_ns, place) = target(kind, message.data)?;
+        let Some((time_ns, place)) = target(kind, message.data, self.transform)? else {
+            return Ok(());
+        };
         let at = match place {
             ToolPlace::Sphere { sphere, place } => Where::Sphere {
                 sphere,
@@ -133,14 +138,16 @@ pub(crate) fn targets(
 ) -> Result<Targets, BagError> {
     let mut scan = Scan {
         named: &wanted.topics,
+        transform: wanted.transform.as_ref(),
         topics: Topics::default(),
         found: Vec::new(),
         places: Vec::new(),
         frame: None,
         joint_headers: true,
     };
+    let mut early = Vec::new();
     for path in files {
-        each_message(path, progress, &mut |message| {
+        let ended = each_message(path, progress, &mut |message| {
             let number = scan.topics.count(message.topic).ok_or_else(|| BagError::Topics {
                 path: path.display().to_string(),
                 what: "has more than 10000 topics".to_owned(),
@@ -157,6 +164,7 @@ pub(crate) fn targets(
                 }))
             })
         })?;
+        early.extend(ended);
     }
     let chosen = scan.topics.choose(bag, &wanted.topics)?;
     let by_header = scan.joint_headers && scan.found.iter().all(|(_, header, _)| header.is_some());
@@ -176,5 +184,6 @@ pub(crate) fn targets(
         places: scan.places,
         frame: scan.frame.unwrap_or_default(),
         by_header,
+        early,
     })
 }

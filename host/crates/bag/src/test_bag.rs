@@ -80,9 +80,17 @@ impl TestBag {
     }
 
     pub(crate) fn compressed(folder: &Path, compression: Option<Compression>) -> Self {
+        Self::with(folder, WriteOptions::new().compression(compression))
+    }
+
+    /// Plain chunks of so many bytes.
+    pub(crate) fn in_chunks(folder: &Path, bytes: u64) -> Self {
+        Self::with(folder, WriteOptions::new().compression(None).chunk_size(Some(bytes)))
+    }
+
+    fn with(folder: &Path, options: WriteOptions) -> Self {
         let path = folder.join("bag.mcap");
-        let writer = WriteOptions::new()
-            .compression(compression)
+        let writer = options
             .profile("ros2")
             .create(std::io::BufWriter::new(std::fs::File::create(&path).unwrap()))
             .unwrap();
@@ -112,4 +120,54 @@ impl TestBag {
         self.writer.finish().unwrap();
         self.path
     }
+}
+
+/// Writes the messages of an MCAP file as rosbag2 writes them in SQLite.
+pub(crate) fn to_sqlite(mcap: &Path, db3: &Path) {
+    use sqlx::ConnectOptions as _;
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    let options = sqlx::sqlite::SqliteConnectOptions::new()
+        .filename(db3)
+        .create_if_missing(true);
+    let mut connection = runtime.block_on(options.connect()).unwrap();
+    for statement in [
+        "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, serialization_format TEXT NOT NULL, \
+         offered_qos_profiles TEXT NOT NULL)",
+        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL, data BLOB NOT NULL)",
+        "CREATE INDEX timestamp_idx ON messages (timestamp ASC)",
+        "BEGIN",
+    ] {
+        runtime
+            .block_on(sqlx::query(statement).execute(&mut connection))
+            .unwrap();
+    }
+    let mut topics: Vec<String> = Vec::new();
+    super::records::each_message(mcap, &mut |_| {}, &mut |message| {
+        let topic = message.topic;
+        let known = topics.iter().position(|name| *name == topic.name);
+        let id = known.unwrap_or(topics.len()) as i64 + 1;
+        if known.is_none() {
+            topics.push(topic.name.clone());
+            let insert = sqlx::query("INSERT INTO topics VALUES (?, ?, ?, ?, '')")
+                .bind(id)
+                .bind(&topic.name)
+                .bind(&topic.kind)
+                .bind(&topic.encoding);
+            runtime.block_on(insert.execute(&mut connection)).unwrap();
+        }
+        let insert = sqlx::query("INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)")
+            .bind(id)
+            .bind(message.time_ns)
+            .bind(message.data);
+        runtime.block_on(insert.execute(&mut connection)).unwrap();
+        Ok(())
+    })
+    .unwrap();
+    runtime
+        .block_on(sqlx::query("COMMIT").execute(&mut connection))
+        .unwrap();
+    runtime.block_on(sqlx::Connection::close(connection)).unwrap();
 }

@@ -9,6 +9,8 @@ pub struct Wanted {
     pub other_joints: Vec<String>,
     /// Topics that are taken; empty to take the only ones that could be meant.
     pub topics: Vec<String>,
+    /// Parent and child frame of the transform that is the target, on a topic of `tf2_msgs/msg/TFMessage`.
+    pub transform: Option<(String, String)>,
     /// Width of the band in which a joint counts as resting, in rad.
     pub rest_rad: f64,
     /// Whether `effort` is the measured torque in N m.
@@ -25,6 +27,7 @@ impl Wanted {
             joints,
             other_joints: Vec::new(),
             topics: Vec::new(),
+            transform: None,
             rest_rad: Self::REST_RAD,
             effort_nm: false,
         }

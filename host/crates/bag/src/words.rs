@@ -4,7 +4,7 @@ use spherecal_model::excerpt;
 
 use super::error::BagError;
 use super::joints::JointReader;
-use super::rests::{GAP_S, Mixed, NEAR_S, REST_S, Rests};
+use super::rests::{GAP_S, Mixed, NEAR_S, REST_S, Rests, SHORT_S};
 use super::targets::{Targets, Where};
 use super::wanted::Wanted;
 
@@ -41,6 +41,15 @@ pub(crate) fn mixed_targets(bag: &str, found: &Targets, mixed: Mixed) -> BagErro
         remedy: "publish one target per rest, and while the arm rests; are the clocks of the publishers the same?"
             .to_owned(),
     }
+}
+
+/// How many times without motion have which length.
+fn lengths(short: &[u64; SHORT_S.len()]) -> String {
+    let one = |(k, count): (usize, &u64)| {
+        let from = if k == 0 { 0.0 } else { SHORT_S[k - 1] };
+        format!("{from} to {} s: {count}", SHORT_S[k])
+    };
+    short.iter().enumerate().map(one).collect::<Vec<_>>().join(", ")
 }
 
 /// Whether what was found can be used.
@@ -103,8 +112,11 @@ pub(crate) fn judge(bag: &str, wanted: &Wanted, found: &Targets, rests: &Rests<'
     if rests.count == 0 {
         return refuse(
             format!(
-                "the arm never rests: the longest time in which no joint leaves a band of {band_mrad} mrad is {:.2} s, and \
-                 {REST_S} s are needed",
+                "the arm moved all the time and never rests: in {:.1} s of joint states there are {} times without motion, of \
+                 {}; the longest in which no joint leaves a band of {band_mrad} mrad is {:.2} s, and {REST_S} s are needed",
+                (to - from) as f64 * 1e-9,
+                rests.short.iter().sum::<u64>(),
+                lengths(&rests.short),
                 rests.longest_ns as f64 * 1e-9
             ),
             "stop the arm for a second at each pose; for noisy encoders give a wider band with --rest-mrad; joint states \
@@ -140,6 +152,7 @@ pub(crate) fn notes(wanted: &Wanted, found: &Targets, rests: &Rests<'_>, reader:
         excerpt(&joints.name),
         if found.by_header { "the headers" } else { "the recorder" },
     )];
+    notes.extend(found.early.iter().cloned());
     if rests.left_out > 0 {
         notes.push(format!(
             "{} of {} messages on {} were left out: the arm moved, or rested for less than {REST_S} s",

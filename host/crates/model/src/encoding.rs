@@ -146,10 +146,27 @@ pub(crate) fn decode(bytes: &[u8]) -> Result<String, EncodingError> {
     }
     match std::str::from_utf8(&out) {
         Ok(_) => Ok(String::from_utf8(out).unwrap_or_default()),
+        Err(_) if out.trim_ascii_start().first() == Some(&b'<') => Ok(latin_xml(&out)),
         Err(e) => Err(EncodingError::NotUtf8 {
             line: line(e.valid_up_to()),
         }),
     }
+}
+
+/// XML whose bytes are not UTF-8, read as ISO-8859-1. Its declaration then says UTF-8, as which it is written again.
+fn latin_xml(bytes: &[u8]) -> String {
+    let text: String = bytes.iter().map(|b| char::from(*b)).collect();
+    let end = text.find("?>").filter(|_| text.trim_start().starts_with("<?xml"));
+    let (head, rest) = text.split_at(end.unwrap_or(0));
+    let Some((before, named)) = head.split_once("encoding=") else {
+        return text;
+    };
+    let quote = named.chars().next().unwrap_or('"');
+    let behind = named
+        .get(1..)
+        .and_then(|n| n.split_once(quote))
+        .map_or("", |(_, behind)| behind);
+    format!("{before}encoding={quote}UTF-8{quote}{behind}{rest}")
 }
 
 #[cfg(test)]

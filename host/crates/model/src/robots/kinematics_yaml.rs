@@ -7,7 +7,6 @@
 
 use std::fmt::Write as _;
 
-use granit_parser::{Event, Parser};
 use sha2::{Digest, Sha256};
 use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::robot::{MdhRow, Pose};
@@ -15,21 +14,29 @@ use spherecal_shared::robot::{MdhRow, Pose};
 use super::error::RobotFileError;
 use super::frames::{compose, row_transform, to_rpy_near};
 use super::model::{Origin, RobotModel};
+use super::urdf::JointMotion;
 use super::urdf_out::{SAME, corrected};
 use super::vendor::{self, Form, JointOrigin, UR_KEYS, Z};
+use super::yaml_entries::entries;
 use super::{frames, urdf_in};
 use crate::printable;
 
-/// Most joints (the flange included) of a file.
-const MOST_JOINTS: usize = MAX_JOINTS + 1;
+/// Most joints (the flange and the tip included) of a file.
+pub(super) const MOST_JOINTS: usize = MAX_JOINTS + 2;
 /// The six numbers of an origin.
-const NUMBERS: [&str; 6] = ["x", "y", "z", "roll", "pitch", "yaw"];
+pub(super) const NUMBERS: [&str; 6] = ["x", "y", "z", "roll", "pitch", "yaw"];
 /// Direction of an axis that is not z.
-const AXIS: [&str; 3] = ["axis_x", "axis_y", "axis_z"];
-/// Deepest nesting of a file that is read.
-const MOST_DEPTH: usize = 4;
+pub(super) const AXIS: [&str; 3] = ["axis_x", "axis_y", "axis_z"];
+/// Key of the tip in the last joint's link; left out where they are the same.
+const TIP: &str = "tool0";
+/// Tips closer to the last joint's link than this (m, or an entry of the rotation) are the same: vendors write angles
+/// with ten digits.
+const SAME_TIP: f64 = 1e-9;
 
 /// Writes the joint origins of `rows` in the vendor's form; `notes` become comments.
+///
+/// The key `tool0` holds the tip in the last joint's link where the form knows no place for it; vendors' descriptions
+/// read past it.
 pub fn write_kinematics_yaml(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String]) -> String {
     let (form, root, origins) = calibrated(model, rows);
     let mut body = String::new();
@@ -77,7 +84,7 @@ pub fn write_offsets_yaml(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[Str
         "Corrections: add each number to the nominal one of the joint's origin (x, y, z, roll, pitch, yaw).",
     );
     out.push_str("joint_offsets:\n");
-    for ((name, is), (_, was)) in origins.iter().zip(&nominal) {
+    for ((name, is), (_, was)) in origins.iter().zip(&nominal).filter(|((_, is), _)| is.key != TIP) {
         let _ = writeln!(out, "  {}:", yaml_key(name));
         let pairs = is.xyz.iter().zip(&was.xyz).chain(is.rpy.iter().zip(&was.rpy));
         for (key, (is, was)) in NUMBERS.iter().zip(pairs) {
@@ -104,10 +111,14 @@ fn head(notes: &[String], form: Form, root: &str, what: &str) -> String {
 /// and by joint its name and its origin.
 fn calibrated(model: &RobotModel, rows: &[MdhRow<f64>]) -> (Form, String, Vec<(String, JointOrigin)>) {
     let vendor = vendor::description_of(model);
+    // The vendor's description ends at the table's last frame.
+    let own_flange = vendor.as_ref().map_or_else(Pose::identity, |_| model.flange);
     let model = vendor.as_ref().unwrap_or(model);
     let root = model.frame_names.0.clone();
     let Origin::Urdf(source) = &model.origin else {
-        return (Form::Plain, root, from_table(model, rows));
+        let mut out = from_table(model, rows);
+        out.extend(tip(&model.flange));
+        return (Form::Plain, root, out);
     };
     let (urdf, chain) = source.as_ref();
     let form = vendor::form(urdf, chain);
@@ -129,9 +140,17 @@ fn calibrated(model: &RobotModel, rows: &[MdhRow<f64>]) -> (Form, String, Vec<(S
             },
         ));
     }
+    let last = chain
+        .path
+        .iter()
+        .rposition(|&i| urdf.joints[i].motion != JointMotion::Fixed);
+    let mut rigid = chain.path.get(last.map_or(0, |k| k + 1)..).unwrap_or_default();
     // Franka's eighth joint is the flange.
-    let last = chain.path.last().map(|&i| &urdf.joints[i]);
-    if let (Form::Franka, Some(flange)) = (form, last.filter(|j| j.name.ends_with("joint8"))) {
+    if form == Form::Franka
+        && let Some((&flange, behind)) = rigid.split_first()
+        && let flange = &urdf.joints[flange]
+        && flange.name.ends_with("joint8")
+    {
         out.push((
             flange.name.clone(),
             JointOrigin {
@@ -141,8 +160,24 @@ fn calibrated(model: &RobotModel, rows: &[MdhRow<f64>]) -> (Form, String, Vec<(S
                 axis: Z,
             },
         ));
+        rigid = behind;
     }
+    let behind = rigid
+        .iter()
+        .fold(Pose::identity(), |at, &i| compose(&at, &urdf.joints[i].origin));
+    out.extend(tip(&compose(&behind, &own_flange)));
     (form, root, out)
+}
+
+/// The tip behind the last joint of a form, where it is anywhere else.
+fn tip(frame: &Pose<f64>) -> Option<(String, JointOrigin)> {
+    let origin = JointOrigin {
+        key: TIP.to_owned(),
+        xyz: frame.position.into(),
+        rpy: frames::to_rpy(&frame.rotation),
+        axis: Z,
+    };
+    (frames::distance(frame, &Pose::identity()) > SAME_TIP).then(|| (TIP.to_owned(), origin))
 }
 
 /// The origins of a table that came without a description: those of its own frames.
@@ -277,6 +312,7 @@ pub fn load(path: &str, text: &str) -> Result<RobotModel, RobotFileError> {
             ));
         }
     }
+    let tip = origins.iter().position(|o| o.key == TIP).map(|at| origins.remove(at));
     if origins.is_empty() {
         return Err(refuse(
             "joints",
@@ -305,90 +341,5 @@ pub fn load(path: &str, text: &str) -> Result<RobotModel, RobotFileError> {
     let name = std::path::Path::new(path)
         .file_stem()
         .map_or("robot".into(), |stem| stem.to_string_lossy());
-    urdf_in::load(path, &vendor::urdf_text(form, &name, &origins), None)
-}
-
-/// One scalar of a file with the keys that lead to it.
-struct ScalarEntry {
-    keys: Vec<String>,
-    value: String,
-    /// The value is tagged `!degrees`.
-    degrees: bool,
-    line: usize,
-}
-
-impl ScalarEntry {
-    fn number(&self) -> Option<f64> {
-        let value: f64 = self.value.parse().ok()?;
-        Some(if self.degrees { value.to_radians() } else { value })
-    }
-}
-
-/// All scalars of a file of nested mappings.
-fn entries(path: &str, text: &str) -> Result<Vec<ScalarEntry>, RobotFileError> {
-    let syntax = |line: usize, what: &str| RobotFileError::Syntax {
-        path: path.to_owned(),
-        message: format!("line {line}: {what}"),
-    };
-    let mut out: Vec<ScalarEntry> = Vec::new();
-    // The keys of the mappings that are open; `None` where a key comes next.
-    let mut open: Vec<Option<String>> = Vec::new();
-    for event in Parser::new_from_str(text) {
-        let (event, span) = event.map_err(|e| syntax(e.marker().line(), &format!("is not YAML: {}", e.info())))?;
-        let line = span.start.line();
-        match event {
-            Event::MappingStart(..) if open.len() < MOST_DEPTH => {
-                if matches!(open.last(), Some(None)) {
-                    return Err(syntax(line, "a key must be a plain name"));
-                }
-                open.push(None);
-            }
-            Event::MappingEnd => {
-                open.pop();
-                if let Some(key) = open.last_mut() {
-                    *key = None;
-                }
-            }
-            Event::Scalar(value, _, _, tag) => {
-                let degrees = match tag.as_ref().map(|tag| tag.suffix()) {
-                    None | Some("radians" | "float" | "int" | "str") => false,
-                    Some("degrees") => true,
-                    Some(_) => {
-                        return Err(syntax(
-                            line,
-                            "holds a tag (!..) that is not read: write numbers in m and rad",
-                        ));
-                    }
-                };
-                match open.last_mut() {
-                    Some(key @ None) => *key = Some(value.into_owned()),
-                    Some(Some(_)) if out.len() < MOST_JOINTS * (NUMBERS.len() + AXIS.len()) + 1 => {
-                        out.push(ScalarEntry {
-                            keys: open.iter().flatten().cloned().collect(),
-                            value: value.into_owned(),
-                            degrees,
-                            line,
-                        });
-                        if let Some(key) = open.last_mut() {
-                            *key = None;
-                        }
-                    }
-                    Some(Some(_)) => return Err(syntax(line, "holds more numbers than a robot's joint origins")),
-                    None => return Err(syntax(line, "is not a list of joint origins: begin with kinematics:")),
-                }
-            }
-            Event::MappingStart(..) => return Err(syntax(line, "is nested deeper than joint origins are")),
-            Event::SequenceStart(..) => {
-                return Err(syntax(line, "holds a list: give x, y, z, roll, pitch and yaw by name"));
-            }
-            Event::Alias(_) => {
-                return Err(syntax(
-                    line,
-                    "holds an alias (*..), which is not read: write the numbers out",
-                ));
-            }
-            _ => {}
-        }
-    }
-    Ok(out)
+    urdf_in::load(path, &vendor::urdf_text(form, &name, &origins, tip.as_ref()), None)
 }

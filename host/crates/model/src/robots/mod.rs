@@ -19,23 +19,27 @@ pub mod frames;
 pub mod kinematics_yaml;
 pub mod mdh;
 mod model;
+mod path;
 pub mod toml_file;
 pub mod urdf;
 mod urdf_in;
 mod urdf_out;
 mod vendor;
+mod yaml_entries;
 
 use std::path::Path;
 
 use spherecal_shared::robot::{BUILT_IN, Pose, Tool, iiwa7_tool};
 
 use crate::read_text;
+use urdf::Srdf;
 
 pub use compensator::read_compensator;
 pub use error::RobotFileError;
 pub use frame_tree::{FrameInParent, FrameTree};
 pub use kinematics_yaml::{write_kinematics_yaml, write_offsets_yaml};
 pub use model::{Origin, RobotModel, Tolerances, moved, near, table_frames};
+pub use path::{JointKind, JointPath, PathFrames, PathJoint, Twist};
 pub use urdf_in::load as load_urdf_text;
 pub use urdf_out::write_urdf;
 
@@ -58,6 +62,7 @@ pub fn built_in(name: &str) -> Option<RobotModel> {
         joint_names: vendor::joint_names(name),
         tolerances: Tolerances::default(),
         origin: Origin::BuiltIn,
+        notes: Vec::new(),
     })
 }
 
@@ -86,16 +91,26 @@ fn nearest(spec: &str) -> Option<&'static str> {
         .map(|(_, known)| known)
 }
 
-/// Loads a robot: a built-in name, `FILE.toml`, `FILE.urdf`, `FILE.urdf#LINK` for
-/// the chain to that link, or `FILE.yaml` (joint origins as ROS descriptions load them).
+/// Loads a robot: a built-in name, `FILE.toml`, `FILE.urdf`, `FILE.urdf#TIP` or `FILE.urdf#BASE:TIP` for the chain to
+/// or between these links, or `FILE.yaml` (joint origins as ROS descriptions load them). An SRDF of the same name beside
+/// the URDF says where its arm ends.
 ///
 /// Files are regular files (a link to one is followed) of at most 8 MiB (URDF) or
 /// 1 MiB (TOML, YAML); a URDF with a document type, with more than 64 levels, 64
 /// attributes of an element or 2,000 joints is refused.
 ///
 /// # Errors
-/// Names that are neither built in nor a file, and what the file's reader refuses.
+/// Names that are neither built in nor a file, what the file's reader refuses, and chains that are not
+/// [plain](RobotModel::plain).
 pub fn load(spec: &str) -> Result<RobotModel, RobotFileError> {
+    load_path(spec)?.plain()
+}
+
+/// The same, also for a chain with joints that slide or follow others ([`RobotModel::joint_path`]).
+///
+/// # Errors
+/// As [`load`].
+pub fn load_path(spec: &str) -> Result<RobotModel, RobotFileError> {
     if let Some(model) = built_in(spec) {
         return Ok(model);
     }
@@ -124,8 +139,18 @@ pub fn load(spec: &str) -> Result<RobotModel, RobotFileError> {
     match extension.as_str() {
         "toml" => toml_file::load(path, &text),
         "yaml" | "yml" => kinematics_yaml::load(path, &text),
-        _ => load_urdf_text(path, &text, tip),
+        _ => urdf_in::load_path(path, &text, tip, srdf_beside(path)?.as_ref()),
     }
+}
+
+/// The SRDF of the same name beside a URDF, if there is one.
+fn srdf_beside(path: &str) -> Result<Option<Srdf>, RobotFileError> {
+    let path = Path::new(path).with_extension("srdf");
+    if !path.exists() {
+        return Ok(None);
+    }
+    let text = read_text(&path, MOST_TABLE_BYTES, "give the groups of one robot")?;
+    Srdf::parse(&path.display().to_string(), &text).map(Some)
 }
 
 #[cfg(test)]

@@ -57,6 +57,8 @@ pub struct RobotModel {
     pub tolerances: Tolerances,
     /// Where the robot came from.
     pub origin: Origin,
+    /// What the user should know about the file: one sentence each.
+    pub notes: Vec<String>,
 }
 
 /// The frames of a table at joint angles `q` (rad, one per row): F1..Fn in F0.

@@ -3,6 +3,7 @@
 #![allow(clippy::approx_constant)] // URDF files write 1.5708.
 mod origins;
 mod refused;
+mod tips;
 
 use proptest::prelude::*;
 use spherecal_shared::robot::Pose;
@@ -221,7 +222,7 @@ fn a_calibrated_urdf_moves_as_the_calibrated_table() {
         let out = write_urdf(&model, &rows, &["calibrated -- on <Monday>".to_owned()]);
         assert!(out.contains("<!-- kept -->") && out.contains("extra=\"1\""));
         let again = Urdf::parse(name, &out).unwrap();
-        let chain = again.chain(None).unwrap();
+        let chain = again.chain(None, None).unwrap();
         let off = distance(&urdf_flange(&again, &chain.path, q), &model.flange_with(&rows, q));
         assert!(off < 1e-12, "{name}: off by {off:e}");
     }

@@ -315,6 +315,7 @@ pub fn load(path: &str, text: &str) -> Result<RobotModel, RobotFileError> {
         joint_names,
         tolerances,
         origin: Origin::Toml,
+        notes: Vec::new(),
     })
 }
 

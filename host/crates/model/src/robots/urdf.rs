@@ -4,19 +4,24 @@
 //! Joints remember where their `<origin>` stands in the text, so that a
 //! calibrated URDF is the input with only those numbers changed.
 
-use std::collections::{HashMap, HashSet};
-use std::ops::Range;
-
 use nalgebra::{Matrix3, Vector3};
 use spherecal_shared::robot::Pose;
+use std::collections::{HashMap, HashSet};
 
 use super::error::RobotFileError;
 use super::frames::from_rpy;
 
 mod bounds;
 mod chain;
+mod joint;
+mod limits;
+mod prefixes;
+mod srdf;
+mod tip;
 
 pub use chain::UrdfChain;
+pub use joint::{JointMotion, Mimic, OriginPlace, UrdfJoint};
+pub use srdf::Srdf;
 
 /// Most joints (fixed ones included) that a file may have, and most links.
 const MOST_JOINTS: usize = 2000;
@@ -26,57 +31,6 @@ const MOST_NODES: u32 = 1_000_000;
 const LARGEST_M: f64 = 100.0;
 /// Largest angle of an origin, in rad: beyond a full turn it is in degrees.
 const LARGEST_RAD: f64 = 7.0;
-
-/// What a joint does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum JointMotion {
-    /// Turns (`revolute` and `continuous`).
-    Turns,
-    /// Never moves.
-    Fixed,
-    /// Moves in a way that this program cannot calibrate.
-    Other,
-}
-
-/// Where a joint's origin stands in the text.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum OriginPlace {
-    /// The whole `<origin .../>` element.
-    Element(Range<usize>),
-    /// There is none: one may be put here, right after the joint's start tag.
-    Absent(usize),
-}
-
-/// One `<joint>`.
-#[derive(Clone, Debug)]
-pub struct UrdfJoint {
-    /// Its name.
-    pub name: String,
-    /// What it does.
-    pub motion: JointMotion,
-    /// The type as written.
-    pub kind: String,
-    /// Parent and child link.
-    pub parent: String,
-    /// Child link.
-    pub child: String,
-    /// Child frame in the parent's frame, joint at zero.
-    pub origin: Pose<f64>,
-    /// Roll, pitch and yaw (rad) of the origin as the file writes them.
-    pub rpy: [f64; 3],
-    /// Where the origin is written.
-    pub place: OriginPlace,
-    /// Unit axis in the child's frame.
-    pub axis: Vector3<f64>,
-    /// Smallest and largest angle, in rad.
-    pub range_rad: (f64, f64),
-    /// Largest speed, in rad/s; 0 where the file does not say.
-    pub velocity_rad_s: f64,
-    /// Largest torque, in N m; 0 where the file does not say.
-    pub effort_nm: f64,
-    /// Follows another joint.
-    pub mimics: bool,
-}
 
 /// Mass distribution of one `<link>`, in the link's frame.
 #[derive(Clone, Copy, Debug)]
@@ -106,6 +60,8 @@ pub struct Urdf {
     pub joints: Vec<UrdfJoint>,
     /// Where the root element starts in the text.
     pub root_at: usize,
+    /// What was read although it cannot be meant, for the user: one sentence each.
+    pub notes: Vec<String>,
 }
 
 /// A value error of this file.
@@ -211,87 +167,14 @@ fn body(path: &str, link: &str, node: roxmltree::Node<'_, '_>) -> Result<UrdfBod
     })
 }
 
-/// Where a node's start tag ends (just after its `>`).
-fn after_start_tag(text: &str, node: roxmltree::Node<'_, '_>) -> usize {
-    let range = node.range();
-    let end_of_attributes = node.attributes().map(|a| a.range().end).max().unwrap_or(range.start);
-    text.get(end_of_attributes..range.end)
-        .and_then(|rest| rest.find('>'))
-        .map_or(range.end, |k| end_of_attributes + k + 1)
-}
-
-fn joint(path: &str, text: &str, node: roxmltree::Node<'_, '_>) -> Result<UrdfJoint, RobotFileError> {
-    let name = node.attribute("name").unwrap_or_default().to_owned();
-    let owner = format!("joint \"{name}\"");
-    let link_of = |tag: &str| {
-        child(node, tag)
-            .and_then(|n| n.attribute("link"))
-            .map(str::to_owned)
-            .ok_or_else(|| {
-                value_error(
-                    path,
-                    format!("{owner}: <{tag} link>"),
-                    "",
-                    "every joint names its parent and its child link",
-                )
-            })
-    };
-    let kind = node.attribute("type").unwrap_or_default().to_owned();
-    let motion = match kind.as_str() {
-        "revolute" | "continuous" => JointMotion::Turns,
-        "fixed" => JointMotion::Fixed,
-        _ => JointMotion::Other,
-    };
-    let axis = match child(node, "axis").and_then(|n| n.attribute("xyz")) {
-        Some(text) => triple(path, || format!("{owner}: axis xyz"), text, 1e6)?.into(),
-        None => Vector3::x(),
-    };
-    let length = axis.norm();
-    if motion == JointMotion::Turns && length < 1e-9 {
-        return Err(value_error(
-            path,
-            format!("{owner}: axis xyz"),
-            "0 0 0",
-            "give the direction of the axis",
-        ));
+/// How a description is parsed.
+fn parsing<'i>() -> roxmltree::ParsingOptions<'i> {
+    roxmltree::ParsingOptions {
+        // Entities could multiply without bound.
+        allow_dtd: false,
+        nodes_limit: MOST_NODES,
+        ..roxmltree::ParsingOptions::default()
     }
-    let limit = child(node, "limit");
-    let read = |what: &'static str, default: f64| match limit.and_then(|n| n.attribute(what)) {
-        Some(text) => number(path, || format!("{owner}: limit {what}"), text),
-        None => Ok(default),
-    };
-    let turn = std::f64::consts::TAU;
-    let range_rad = if kind == "continuous" {
-        (-turn, turn)
-    } else {
-        (
-            read("lower", -std::f64::consts::PI)?,
-            read("upper", std::f64::consts::PI)?,
-        )
-    };
-    let origin_node = child(node, "origin");
-    let (xyz, rpy) = origin_numbers(path, &owner, origin_node)?;
-    Ok(UrdfJoint {
-        parent: link_of("parent")?,
-        child: link_of("child")?,
-        origin: Pose {
-            rotation: from_rpy(rpy),
-            position: xyz.into(),
-        },
-        rpy,
-        place: origin_node.map_or_else(
-            || OriginPlace::Absent(after_start_tag(text, node)),
-            |n| OriginPlace::Element(n.range()),
-        ),
-        axis: if length > 0.0 { axis / length } else { axis },
-        range_rad,
-        velocity_rad_s: read("velocity", 0.0)?,
-        effort_nm: read("effort", 0.0)?,
-        mimics: child(node, "mimic").is_some(),
-        name,
-        motion,
-        kind,
-    })
 }
 
 /// What is wrong with an XML text, with the line where it is known.
@@ -330,13 +213,10 @@ impl Urdf {
                 e.line, e.limit, e.what
             ))
         })?;
-        let options = roxmltree::ParsingOptions {
-            // Entities could multiply without bound.
-            allow_dtd: false,
-            nodes_limit: MOST_NODES,
-            ..roxmltree::ParsingOptions::default()
-        };
-        let document = roxmltree::Document::parse_with_options(text, options).map_err(|e| syntax(xml_words(&e)))?;
+        let mut notes = Vec::new();
+        let readable = prefixes::readable(text, &mut notes);
+        let document =
+            roxmltree::Document::parse_with_options(&readable, parsing()).map_err(|e| syntax(xml_words(&e)))?;
         let root = document.root_element();
         if !root.has_tag_name("robot") {
             return Err(syntax(format!(
@@ -352,7 +232,9 @@ impl Urdf {
             bodies: HashMap::new(),
             joints: Vec::new(),
             root_at: root.range().start,
+            notes,
         };
+        let mut odd = Vec::new();
         for node in root.children() {
             if node.has_tag_name("link") {
                 let name = node.attribute("name").unwrap_or_default().to_owned();
@@ -361,9 +243,10 @@ impl Urdf {
                 }
                 urdf.links.push(name);
             } else if node.has_tag_name("joint") {
-                urdf.joints.push(joint(path, text, node)?);
+                urdf.joints.push(joint::read(path, text, node, &mut odd)?);
             }
         }
+        urdf.notes.extend(limits::said(&odd));
         urdf.unique()?;
         for (count, what) in [(urdf.joints.len(), "joints"), (urdf.links.len(), "links")] {
             if count > MOST_JOINTS {

@@ -8,7 +8,7 @@ use super::error::RobotFileError;
 use super::frames::{compose, inverse};
 use super::mdh::{Axis, from_axes};
 use super::model::{Origin, RobotModel, Tolerances, moved, table_frames};
-use super::urdf::{JointMotion, Urdf, UrdfBody, UrdfChain};
+use super::urdf::{JointMotion, Srdf, Urdf, UrdfBody, UrdfChain};
 
 /// Speed limit (rad/s) of a joint whose file gives none: slow.
 const DEFAULT_VELOCITY_RAD_S: f64 = 1.0;
@@ -29,14 +29,28 @@ pub(super) fn frames_at_zero(urdf: &Urdf, chain: &UrdfChain) -> Vec<Pose<f64>> {
         .collect()
 }
 
-/// Reads the chain to `tip` (or the longest) of a URDF.
+/// Reads the chain that `ends` names (`TIP` or `BASE:TIP`, or the arm) of a URDF.
 ///
 /// # Errors
-/// What [`Urdf::parse`] and [`Urdf::chain`] refuse, chains of other lengths
-/// than 1 to 8, and impossible masses or limits.
-pub fn load(path: &str, text: &str, tip: Option<&str>) -> Result<RobotModel, RobotFileError> {
+/// What [`Urdf::parse`] and [`Urdf::chain`] refuse, chains of other lengths than 1 to 8 turning joints, chains that are
+/// not plain ([`RobotModel::plain`]), and impossible masses.
+pub fn load(path: &str, text: &str, ends: Option<&str>) -> Result<RobotModel, RobotFileError> {
+    load_path(path, text, ends, None)?.plain()
+}
+
+/// The same with the semantic description beside the file, and also for a chain whose joints slide or follow others:
+/// the table is that of its turning joints, with the sliding ones at zero.
+///
+/// # Errors
+/// As [`load`].
+pub(super) fn load_path(
+    path: &str,
+    text: &str,
+    ends: Option<&str>,
+    srdf: Option<&Srdf>,
+) -> Result<RobotModel, RobotFileError> {
     let urdf = Urdf::parse(path, text)?;
-    let chain = urdf.chain(tip)?;
+    let chain = urdf.chain(ends, srdf)?;
     let frames = frames_at_zero(&urdf, &chain);
     let turning: Vec<(usize, usize)> = chain
         .path
@@ -78,10 +92,10 @@ pub fn load(path: &str, text: &str, tip: Option<&str>) -> Result<RobotModel, Rob
             mdh: *row,
             link,
             limits: JointLimits {
-                min_rad: source.range_rad.0,
-                max_rad: source.range_rad.1,
-                velocity_rad_s: or_default(source.velocity_rad_s, DEFAULT_VELOCITY_RAD_S),
-                torque_nm: or_default(source.effort_nm, DEFAULT_TORQUE_NM),
+                min_rad: source.range.0,
+                max_rad: source.range.1,
+                velocity_rad_s: or_default(source.velocity, DEFAULT_VELOCITY_RAD_S),
+                torque_nm: or_default(source.effort, DEFAULT_TORQUE_NM),
             },
             rotor_kg_m2: 0.0,
         };
@@ -108,6 +122,7 @@ pub fn load(path: &str, text: &str, tip: Option<&str>) -> Result<RobotModel, Rob
         frame_names: (chain.root.clone(), chain.tip.clone()),
         joint_names: turning.iter().map(|&(_, i)| urdf.joints[i].name.clone()).collect(),
         tolerances: Tolerances::default(),
+        notes: urdf.notes.clone(),
         origin: Origin::Urdf(Box::new((urdf, chain))),
     })
 }

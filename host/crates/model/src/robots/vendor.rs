@@ -162,7 +162,7 @@ fn nominal(name: &str) -> Option<RobotModel> {
         "panda" | "fr3" => (Form::Franka, franka()),
         _ => return None,
     };
-    urdf_in::load(name, &urdf_text(form, name, &origins), None).ok()
+    urdf_in::load(name, &urdf_text(form, name, &origins, None), None).ok()
 }
 
 /// Names of a built-in robot's joints in its vendor's description; empty where
@@ -175,8 +175,9 @@ pub(super) fn joint_names(name: &str) -> Vec<String> {
     }
 }
 
-/// A minimal URDF (no masses, wide limits) with the vendor's names for these origins.
-pub(super) fn urdf_text(form: Form, name: &str, origins: &[JointOrigin]) -> String {
+/// A minimal URDF (no masses, wide limits) with the vendor's names for these origins; `tip` is where its tip is behind
+/// them.
+pub(super) fn urdf_text(form: Form, name: &str, origins: &[JointOrigin], tip: Option<&JointOrigin>) -> String {
     let attribute = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;");
     let name = attribute(name);
     let mut out = format!("<?xml version=\"1.0\"?>\n<robot name=\"{name}\">\n");
@@ -235,8 +236,9 @@ pub(super) fn urdf_text(form: Form, name: &str, origins: &[JointOrigin]) -> Stri
         };
         add(&joint, &child, turns, origin.xyz, origin.rpy);
     }
-    match form {
-        Form::UniversalRobots => {
+    match (form, tip) {
+        (_, Some(tip)) => add("flange-tool0", "tool0", None, tip.xyz, tip.rpy),
+        (Form::UniversalRobots, None) => {
             add(
                 "wrist_3-flange",
                 "flange",
@@ -246,8 +248,8 @@ pub(super) fn urdf_text(form: Form, name: &str, origins: &[JointOrigin]) -> Stri
             );
             add("flange-tool0", "tool0", None, [0.0; 3], [FRAC_PI_2, 0.0, FRAC_PI_2]);
         }
-        Form::Franka => {}
-        Form::Plain => add("flange-tool0", "tool0", None, [0.0; 3], [0.0; 3]),
+        (Form::Franka, None) => {}
+        (Form::Plain, None) => add("flange-tool0", "tool0", None, [0.0; 3], [0.0; 3]),
     }
     out + "</robot>\n"
 }

@@ -4,17 +4,21 @@ use std::collections::{HashMap, HashSet};
 
 use spherecal_shared::robot::Pose;
 
+use super::srdf::Srdf;
+use super::tip::Arms;
 use super::{JointMotion, Urdf, value_error};
 use crate::robots::error::RobotFileError;
 use crate::robots::frames::compose;
 
-/// The joints from root to tip (indices into [`Urdf::joints`]).
+/// The joints from base to tip (indices into [`Urdf::joints`]).
 #[derive(Clone, Debug)]
 pub struct UrdfChain {
-    /// The root link.
+    /// The first link: the file's root, or the one that was asked for.
     pub root: String,
     /// The last link: the flange.
     pub tip: String,
+    /// Why this is the tip, in words.
+    pub why: String,
     /// Every joint on the way, fixed ones included.
     pub path: Vec<usize>,
     /// What hangs rigidly beyond the tip, as the tip's frame sees its end: a
@@ -26,7 +30,7 @@ pub struct UrdfChain {
 const LISTED: usize = 20;
 
 /// Names for a message.
-fn listed<'a>(names: impl Iterator<Item = &'a str> + Clone) -> String {
+pub(super) fn listed<'a>(names: impl Iterator<Item = &'a str> + Clone) -> String {
     let more = names.clone().count().saturating_sub(LISTED);
     let mut words = names.take(LISTED).collect::<Vec<_>>().join(", ");
     if more > 0 {
@@ -36,53 +40,65 @@ fn listed<'a>(names: impl Iterator<Item = &'a str> + Clone) -> String {
 }
 
 impl Urdf {
-    /// The chain to `tip`, or, without one, the longest chain of turning joints
-    /// and its flange: `tool0` or `flange` where the file names one, else the
-    /// last link.
+    /// The chain that `ends` names as `TIP` or `BASE:TIP` (either may be empty). A tip that is not named is found by
+    /// its role, see the module `tip`; `srdf` is the semantic description beside the file.
     ///
     /// # Errors
-    /// A tip that does not exist, several equally long chains, a loop, or a
-    /// joint on the way that does not turn.
-    pub fn chain(&self, tip: Option<&str>) -> Result<UrdfChain, RobotFileError> {
-        let error = |field: &str, value: &str, remedy: String| RobotFileError::Value {
-            path: self.path.clone(),
-            field: field.to_owned(),
-            value: value.to_owned(),
-            remedy,
-        };
+    /// A link that does not exist, a tip that is not clear or not behind the base, a loop, or a joint on the way that
+    /// moves in more than one direction.
+    pub fn chain(&self, ends: Option<&str>, srdf: Option<&Srdf>) -> Result<UrdfChain, RobotFileError> {
         let into: HashMap<&str, usize> = self
             .joints
             .iter()
             .enumerate()
             .map(|(i, j)| (j.child.as_str(), i))
             .collect();
-        let tip = match tip {
-            Some(tip) if self.links.iter().any(|l| l == tip) => tip.to_owned(),
-            Some(tip) => {
-                return Err(error(
-                    "tip link",
-                    tip,
-                    format!(
-                        "name one of the file's links: {}",
-                        listed(self.links.iter().map(String::as_str))
-                    ),
-                ));
-            }
-            None => self.guess_tip(&into)?,
+        let is_link = |name: &str| self.links.iter().any(|l| l == name);
+        let (base, tip) = match ends {
+            Some(tip) if is_link(tip) => ("", tip),
+            Some(both) => both.split_once(':').unwrap_or(("", both)),
+            None => ("", ""),
         };
-        let path = self.path_to(&tip, &into)?;
-        for &i in &path {
-            let joint = &self.joints[i];
-            if joint.motion == JointMotion::Other || joint.mimics {
-                return Err(error(
-                    &format!("joint \"{}\": type", joint.name),
-                    if joint.mimics { "mimic" } else { &joint.kind },
-                    format!(
-                        "only chains of revolute joints can be calibrated; name another tip as {}#LINK",
-                        self.path
-                    ),
-                ));
+        for (end, name) in [("base link", base), ("tip link", tip)] {
+            if !name.is_empty() && !is_link(name) {
+                let known = listed(self.links.iter().map(String::as_str));
+                let remedy = format!("name one of the file's links: {known}");
+                return Err(value_error(&self.path, end.to_owned(), name, &remedy));
             }
+        }
+        let order = self.from_roots(&into);
+        if order.len() < self.joints.len() {
+            let mut reached = vec![false; self.joints.len()];
+            order.iter().for_each(|&i| reached[i] = true);
+            if let Some(i) = reached.iter().position(|r| !r) {
+                self.path_to(&self.joints[i].child, &into)?;
+            }
+        }
+        let (tip, why) = if tip.is_empty() {
+            Arms::new(self, base, &order).tip(srdf)?
+        } else {
+            (tip.to_owned(), "it was asked for".to_owned())
+        };
+        let mut path = self.path_to(&tip, &into)?;
+        if !base.is_empty() {
+            let from = path.iter().position(|&i| self.joints[i].parent == base);
+            let from = from.filter(|_| base != tip).ok_or_else(|| {
+                let remedy = format!("is not on the way to {tip}: name a link between the root and the tip");
+                value_error(&self.path, "base link".to_owned(), base, &remedy)
+            })?;
+            path.drain(..from);
+        } else if let Some(last) = path.iter().rposition(|&i| self.joints[i].motion == JointMotion::Other) {
+            // A floating or planar base: the arm begins on the body that it carries.
+            path.drain(..=last);
+        }
+        if let Some(&i) = path.iter().find(|&&i| self.joints[i].motion == JointMotion::Other) {
+            let joint = &self.joints[i];
+            return Err(value_error(
+                &self.path,
+                format!("joint \"{}\": type", joint.name),
+                &joint.kind,
+                &format!("name a base behind it as {}#BASE:TIP", self.path),
+            ));
         }
         let root = path
             .first()
@@ -91,9 +107,26 @@ impl Urdf {
         Ok(UrdfChain {
             root,
             tip,
+            why,
             path,
             beyond,
         })
+    }
+
+    /// The joints in an order in which each stands behind the one that carries it; joints of a loop are left out.
+    fn from_roots(&self, into: &HashMap<&str, usize>) -> Vec<usize> {
+        let mut behind: HashMap<&str, Vec<usize>> = HashMap::new();
+        for (i, joint) in self.joints.iter().enumerate() {
+            behind.entry(&joint.parent).or_default().push(i);
+        }
+        let first = |&i: &usize| !into.contains_key(self.joints[i].parent.as_str());
+        let mut order: Vec<usize> = (0..self.joints.len()).filter(first).collect();
+        let mut k = 0;
+        while let Some(&i) = order.get(k) {
+            order.extend(behind.get(self.joints[i].child.as_str()).into_iter().flatten());
+            k += 1;
+        }
+        order
     }
 
     /// The joints from the root to a link.
@@ -115,83 +148,6 @@ impl Urdf {
         }
         path.reverse();
         Ok(path)
-    }
-
-    /// The flange of the longest chain of turning joints.
-    fn guess_tip(&self, into: &HashMap<&str, usize>) -> Result<String, RobotFileError> {
-        // Each turning joint and how many lie on the way to it, itself included;
-        // a way through a sliding joint does not count.
-        let mut best: Vec<usize> = Vec::new();
-        let mut most = 0;
-        for (i, joint) in self.joints.iter().enumerate() {
-            if joint.motion != JointMotion::Turns || joint.mimics {
-                continue;
-            }
-            let path = self.path_to(&joint.child, into)?;
-            if path
-                .iter()
-                .any(|&k| self.joints[k].motion == JointMotion::Other || self.joints[k].mimics)
-            {
-                continue;
-            }
-            let turns = path
-                .iter()
-                .filter(|&&k| self.joints[k].motion == JointMotion::Turns)
-                .count();
-            if turns > most {
-                (most, best) = (turns, vec![i]);
-            } else if turns == most {
-                best.push(i);
-            }
-        }
-        let &[last] = best.as_slice() else {
-            let tips: Vec<&str> = best.iter().map(|&i| self.joints[i].child.as_str()).collect();
-            return Err(value_error(
-                &self.path,
-                "chain of turning joints".to_owned(),
-                if tips.is_empty() {
-                    "none"
-                } else {
-                    "several equally long"
-                },
-                &format!(
-                    "name the tip as {}#LINK{}{}",
-                    self.path,
-                    if tips.is_empty() { "" } else { ", for example one of " },
-                    listed(tips.iter().copied())
-                ),
-            ));
-        };
-        // Everything rigid behind the last turning joint, in breadth.
-        let mut rigid = vec![self.joints[last].child.as_str()];
-        let mut k = 0;
-        while let Some(&link) = rigid.get(k) {
-            for joint in self
-                .joints
-                .iter()
-                .filter(|j| j.motion == JointMotion::Fixed && j.parent == link)
-            {
-                if !rigid.contains(&joint.child.as_str()) {
-                    rigid.push(&joint.child);
-                }
-            }
-            k += 1;
-        }
-        let named = |suffixes: &[&str]| {
-            rigid.iter().find(|l| {
-                let lower = l.to_lowercase();
-                suffixes
-                    .iter()
-                    .any(|s| lower == *s || lower.ends_with(&format!("_{s}")))
-            })
-        };
-        let tip = named(&["tool0"])
-            .or_else(|| named(&["flange", "link8"]))
-            .or_else(|| named(&["link_ee", "ee_link", "ee"]))
-            .or(rigid.last())
-            .copied()
-            .unwrap_or_default();
-        Ok(tip.to_owned())
     }
 
     /// What hangs rigidly beyond a link in one unbranched line.

@@ -1,0 +1,103 @@
+//! A table as CSV again, in SI units and without a loss of digits.
+
+use super::table::{Labels, Table};
+use crate::{Set, Target};
+
+/// A name as a cell.
+fn cell(name: &str) -> String {
+    format!("\"{}\"", name.replace('"', "\"\""))
+}
+
+impl Table {
+    /// Gives every row other joints (as many each) and moves its measured points. `row` returns both from the row's own
+    /// joint columns: angles in rad, and what to add in m. Torques are of the columns and are left out.
+    pub fn with_joints(&mut self, row: impl Fn(&[f64]) -> (Vec<f64>, [f64; 3])) {
+        let mut q = Vec::with_capacity(self.q.len());
+        for k in 0..self.len() {
+            let own = self.q.get(k * self.joints..(k + 1) * self.joints).unwrap_or_default();
+            let (angles, shift) = row(own);
+            q.extend_from_slice(&angles);
+            let width = 3 * self.numbered;
+            let points = self.points.get_mut(k * width..(k + 1) * width).unwrap_or_default();
+            let point = self.fields.get_mut(k).map(|f| &mut f.point[..]).unwrap_or_default();
+            for triple in points.chunks_exact_mut(3).chain(std::iter::once(point)) {
+                triple.iter_mut().zip(shift).for_each(|(x, by)| *x += by);
+            }
+        }
+        self.joints = q.len() / self.len().max(1);
+        self.q = q;
+        self.tau.clear();
+    }
+
+    /// The table as `identify` takes it; `places` are the names of the placements, and `label` the name of the label
+    /// column, where there is one.
+    pub fn to_csv(&self, places: &Labels, label: Option<&str>) -> String {
+        let has = |wanted: fn(&super::TableRow<'_>) -> bool| self.rows().any(|row| wanted(&row));
+        let torques = has(|r| r.tau.is_some());
+        let point = has(|r| r.point.is_some());
+        let frame = has(|r| matches!(r.target(), Target::Frame(_)));
+        let sphere = has(|r| r.sphere.is_some());
+        let place = self.rows().any(|r| !places.name(r.place).is_empty());
+        let set = has(|r| r.set.is_some());
+        let n = self.joints;
+        let mut columns: Vec<String> = (1..=n).map(|k| format!("q{k}")).collect();
+        if torques {
+            columns.extend((1..=n).map(|k| format!("tau{k}")));
+        }
+        for k in 1..=self.numbered {
+            columns.extend(["x", "y", "z"].map(|axis| format!("{axis}{k}_m")));
+        }
+        let names = [
+            (point, "x_m,y_m,z_m"),
+            (frame, "qw,qx,qy,qz"),
+            (sphere, "sphere"),
+            (place, "place"),
+            (set, "set"),
+        ];
+        columns.extend(names.iter().filter(|n| n.0).map(|n| n.1.to_owned()));
+        columns.extend(label.map(cell));
+        let mut out = columns.join(",") + "\n";
+        let numbers = |values: &[f64]| -> Vec<String> {
+            let word = |v: &f64| if v.is_nan() { String::new() } else { v.to_string() };
+            values.iter().map(word).collect()
+        };
+        for (k, row) in self.rows().enumerate() {
+            let mut cells = numbers(row.q);
+            if torques {
+                cells.extend(row.tau.map_or_else(|| vec![String::new(); n], numbers));
+            }
+            cells.extend(numbers(
+                self.points
+                    .get(3 * self.numbered * k..3 * self.numbered * (k + 1))
+                    .unwrap_or_default(),
+            ));
+            if point {
+                cells.extend(numbers(&row.point.unwrap_or([f64::NAN; 3])));
+            }
+            if frame {
+                cells.extend(numbers(
+                    self.orientations.get(4 * k..4 * k + 4).unwrap_or(&[f64::NAN; 4]),
+                ));
+            }
+            if sphere {
+                cells.push(row.sphere.map_or_else(String::new, |s| s.to_string()));
+            }
+            if place {
+                cells.push(cell(places.name(row.place)));
+            }
+            if set {
+                cells.push(
+                    row.set
+                        .map_or("", |set| if set == Set::Validate { "validate" } else { "calibrate" })
+                        .to_owned(),
+                );
+            }
+            if label.is_some() {
+                cells.push(row.label.map_or_else(String::new, |l| cell(self.labels.name(l))));
+            }
+            out += &cells.join(",");
+            out.push('\n');
+        }
+        out
+    }
+}

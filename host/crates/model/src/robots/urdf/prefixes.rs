@@ -1,0 +1,47 @@
+//! XML prefixes that a file uses and does not declare (`<gazebo:plugin ..>`). Nothing that a
+//! calibration reads stands under one, so such a file is read all the same.
+
+use std::borrow::Cow;
+
+/// Most prefixes that are put right.
+const MOST_PREFIXES: usize = 16;
+
+/// A text of the same length that the parser reads: undeclared prefixes `a:b` become `a_b`. The text
+/// itself where nothing needs it, or where something else is wrong with it.
+pub(super) fn readable<'t>(text: &'t str, notes: &mut Vec<String>) -> Cow<'t, str> {
+    let mut readable = Cow::Borrowed(text);
+    let mut names: Vec<String> = Vec::new();
+    // Each pass finds one prefix.
+    for _ in 0..MOST_PREFIXES {
+        match roxmltree::Document::parse_with_options(&readable, super::parsing()) {
+            Err(roxmltree::Error::UnknownNamespace(prefix, _)) => {
+                readable = Cow::Owned(without(&readable, &prefix));
+                names.push(prefix);
+            }
+            _ => break,
+        }
+    }
+    if !names.is_empty() {
+        notes.push(format!(
+            "the XML prefix {} is not declared: what stands under it is not read",
+            names.join(", ")
+        ));
+    }
+    readable
+}
+
+/// The text with `prefix:` as `prefix_` wherever a name may begin.
+fn without(text: &str, prefix: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    let mut rest = text;
+    let found = format!("{prefix}:");
+    while let Some(at) = rest.find(&found) {
+        let (before, behind) = rest.split_at(at);
+        out.push_str(before);
+        let begins = out.ends_with(|c: char| c == '<' || c == '/' || c.is_whitespace());
+        out.push_str(prefix);
+        out.push(if begins { '_' } else { ':' });
+        rest = behind.get(found.len()..).unwrap_or_default();
+    }
+    out + rest
+}

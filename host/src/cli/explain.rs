@@ -1,0 +1,41 @@
+//! What is wrong with a table that does not fit its robot.
+
+use spherecal_explain::{Explanation, Subject, explain};
+use spherecal_identify::IdentifyError;
+use spherecal_identify::evaluate::EvaluateError;
+use spherecal_identify::study::{Sources, StudyError, StudyRequest, assemble};
+use spherecal_model::input::InputError;
+
+/// Whether a refusal may come from a mistake in the table as a whole.
+pub(super) fn may_explain(error: &StudyError) -> bool {
+    match error {
+        StudyError::Input(InputError::Field { field, .. }) => field.starts_with("median distance"),
+        StudyError::Evaluate(e) => matches!(
+            e,
+            EvaluateError::NotThisRobot { .. } | EvaluateError::NotThisOrientation { .. }
+        ),
+        StudyError::Identify(e) => matches!(e, IdentifyError::Diverged { .. } | IdentifyError::Singular { .. }),
+        _ => false,
+    }
+}
+
+/// Searches for what is wrong with the table of a request. `None` for a table that cannot be read.
+pub(super) fn explained(request: &StudyRequest, sources: Sources<'_>) -> Option<Explanation> {
+    let loaded = assemble(request, sources, &mut |_| {}).ok()?;
+    let experiment = &loaded.recordings.experiment;
+    let subject = Subject::new(&loaded.model, &experiment.observations, &experiment.spheres).ok()?;
+    Some(explain(&subject))
+}
+
+/// A refusal with what the search says to it.
+pub(super) fn with_reason(error: &StudyError, found: Option<&Explanation>) -> String {
+    let Some(found) = found else {
+        return error.to_string();
+    };
+    let mut lines = vec![error.to_string()];
+    if found.found.is_empty() && found.own_m.is_finite() {
+        lines.push(found.none_of_these());
+    }
+    lines.extend(found.sentences());
+    lines.join("\n  ")
+}
