@@ -105,10 +105,10 @@ fn name_preset(config: &mut Table, preset: &str) {
 }
 
 impl Config {
-    /// The same configuration on a simulated arm with this preset and nothing else.
+    /// The same configuration with the simulated errors of this preset, except those that its `[plant]` states itself.
     #[must_use]
     pub fn on_preset(mut self, preset: &str) -> Self {
-        self.plant = named(preset);
+        self.plant.insert("preset".to_owned(), Value::from(preset));
         self
     }
 
