@@ -9,7 +9,7 @@ use clap::builder::TypedValueParser;
 
 use super::progress::Planning;
 use crate::simulated::{self, SimulatedCell};
-use spherecal_job::{self as job, Config, JobError, Link, PreparedRun, Simulator, TaughtWaypoints};
+use spherecal_job::{self as job, Config, ConfigError, JobError, Link, PreparedRun, Simulator, TaughtWaypoints};
 use spherecal_services::GuardFiles;
 use spherecal_store::{Peer, StoreLocation, UnknownScheme};
 
@@ -56,8 +56,8 @@ pub struct RunArgs {
     /// configuration.
     #[arg(long, help_heading = "Plan", value_name = "NAME|FILE")]
     pub robot: Option<String>,
-    /// Errors of the simulated arm: a preset, instead of all of the configuration's `[plant]`. as_measured (the
-    /// default) is as hard to calibrate as real arms, typical is three times easier.
+    /// Errors of the simulated arm: a preset, instead of the one that the configuration names. Other fields of its
+    /// `[plant]` stay. as_measured (the default) is as hard to calibrate as real arms, typical is three times easier.
     #[arg(long, help_heading = "Plan", value_name = "PRESET")]
     pub preset: Option<String>,
     /// Start the descents at the waypoints that `spherecal teach` wrote.
@@ -121,6 +121,26 @@ pub(super) fn base(file: Option<&Path>, seed: Option<u64>) -> Result<Config, Job
     Ok(config)
 }
 
+/// The configuration with the errors of a preset, except those that its `[plant]` states itself.
+///
+/// # Errors
+/// An unknown preset, or one that leaves the arm as it is, because `[plant]` states every field.
+pub(super) fn on_preset(config: Config, preset: &str) -> Result<Config, JobError> {
+    let before = config.plant()?;
+    let named = config.plant.get("preset").and_then(|name| name.as_str()) == Some(preset);
+    let config = config.on_preset(preset);
+    if !named && config.plant()? == before {
+        return Err(ConfigError::PlantSection {
+            message: format!(
+                "--preset {preset} changes nothing: [plant] of the configuration states every field; leave --preset out, or \
+                 remove the fields that the preset shall set"
+            ),
+        }
+        .into());
+    }
+    Ok(config)
+}
+
 impl RunArgs {
     /// The configuration from the arguments, checked.
     ///
@@ -132,7 +152,7 @@ impl RunArgs {
             config.robot.clone_from(robot);
         }
         if let Some(preset) = &self.preset {
-            config = config.on_preset(preset);
+            config = on_preset(config, preset)?;
         }
         // Without a configuration, a robot that tells which one it is decides.
         if self.config.is_none()
@@ -143,7 +163,7 @@ impl RunArgs {
         }
         if let Some(poses) = self.poses {
             if poses == 0 {
-                return Err(spherecal_job::ConfigError::Range {
+                return Err(ConfigError::Range {
                     field: "--poses",
                     value: 0.0,
                     remedy: "give at least 1, or use --paper",
@@ -283,5 +303,29 @@ impl StoredArgs {
     /// The database.
     pub fn database(&self) -> StoreLocation {
         database(self.store.as_ref(), &self.out)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if --preset drops what the configuration says of the arm, or if a preset that changes nothing passes in
+    // silence.
+    #[test]
+    fn a_preset_keeps_what_the_configuration_says() {
+        let read = |text: &str| Config::parse("cell.toml", text).expect("a configuration");
+        let own = read("[plant]\npreset = \"harsh\"\n[plant.friction]\ncoulomb_nm = [1.5, 1.5]\n");
+        let plant = on_preset(own, "typical").expect("both").plant().expect("a plant");
+        let typical = Config::default().on_preset("typical").plant().expect("a plant");
+        assert_eq!(plant.friction.coulomb_nm, [1.5, 1.5]);
+        assert_ne!(typical.friction.coulomb_nm, [1.5, 1.5]);
+        assert_eq!(plant.elasticity, typical.elasticity);
+        let whole = Config::default().to_documented_toml().expect("a text");
+        let refused = on_preset(read(&whole), "typical")
+            .expect_err("it states everything")
+            .to_string();
+        assert!(refused.contains("--preset typical changes nothing"), "{refused}");
+        on_preset(read(""), "as_measured").expect("the default, named");
     }
 }

@@ -14,7 +14,7 @@ use spherecal_fri::wire::SessionState;
 
 use clap::Args;
 
-use super::args::base;
+use super::args::{base, on_preset};
 use super::exit::{CliError, Exit};
 use super::interrupt::interrupt;
 use super::listening::{announce, warn_if_open};
@@ -71,8 +71,8 @@ pub struct PlantArgs {
     /// Configuration of the run, for the same arm and plate.
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
-    /// Errors of the simulated arm: a preset, instead of all of the configuration's `[plant]`. Default: as_measured;
-    /// with --fci or --fri, and without --config, typical. With as_measured the motors show, and the program prints the
+    /// Errors of the simulated arm: a preset, instead of the one that the configuration names. Other fields of its
+    /// `[plant]` stay. Default: as_measured; with --fci or --fri, and without --config, typical. With as_measured the motors show, and the program prints the
     /// lines of [cell.drive] that the run needs then.
     #[arg(long, value_name = "NAME")]
     pub preset: Option<String>,
@@ -93,7 +93,7 @@ impl PlantArgs {
         let mut config = base(self.config.as_deref(), self.seed)?;
         let own_interface = self.fci || self.fri.is_some();
         if let Some(preset) = &self.preset {
-            config = config.on_preset(preset);
+            config = on_preset(config, preset)?;
         } else if own_interface && self.config.is_none() {
             config = config.on_preset(INTERFACE_PRESET);
         }

@@ -7,6 +7,7 @@ mod commission;
 mod contact;
 mod faults;
 mod injected;
+mod killed;
 mod late_drive;
 mod law;
 mod placements;

@@ -156,8 +156,15 @@ impl<'a> Campaign<'a> {
     fn all(&mut self, session: &mut Session<'_>) -> Result<(), CampaignError> {
         let plan = self.assignment.plan;
         self.with_reconnect(session, None, |campaign, session, again| {
-            // After a reconnection the controller has already been configured.
-            if again { Ok(()) } else { campaign.begin(session) }
+            // After a reconnection the controller has already been configured, and the nest is free.
+            if again {
+                return Ok(());
+            }
+            campaign.begin(session)?;
+            if campaign.assignment.options.look_first {
+                campaign.free_the_nest(session)?;
+            }
+            Ok(())
         })?;
         // Whether the arm is away from home, and the visit that it has just left as planned.
         let (mut away, mut left) = (false, None);

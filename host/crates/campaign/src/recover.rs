@@ -1,7 +1,8 @@
 //! What a campaign does after a fault, and after the controller was lost: Section 6 of the paper.
 //! How long it waits and how often it tries is in [`recovery`](super::recovery).
 
-use spherecal_shared::protocol::host::{Command, FaultReport, Refusal};
+use nalgebra::Vector3;
+use spherecal_shared::protocol::host::{Command, FaultReport, Phase, Refusal};
 
 use super::CampaignError;
 use super::observe::CampaignStage;
@@ -15,12 +16,19 @@ const MOTION_S: f64 = 60.0;
 /// That usual speed, in rad/s.
 const USUAL_RAD_S: f64 = 0.5;
 
+/// Distance of the computed TCP from the place where a sphere is expected, in m, from which on the nest is not on it.
+/// Model errors make up to 12 mm of it ([`places`](super::places)) and joint offsets of 25 mrad, 0.9 m away, 22 mm. At the
+/// rest the magnet pulls with less than 1 N.
+const OFF_M: f64 = 0.040;
+/// How long the arm may take to tell where it is, in s: its first states come as soon as the controller has its robot.
+const SEEN_S: f64 = 2.0;
+
 /// Delay before a fault is cleared, in s, at attempt number `attempt` from 0.
 fn pause_s(report: &FaultReport, attempt: u32) -> f64 {
     policy(report.fault).pause_s * f64::from(1u32 << attempt.min(8))
 }
 
-impl Campaign<'_> {
+impl<'a> Campaign<'a> {
     /// Carries out `work`, and repeats it after the controller was lost and found again: without
     /// limit while new recordings arrive, otherwise for a limited number of failed attempts.
     /// Returns whether the controller was lost. `work` is told whether this is a repetition.
@@ -80,21 +88,86 @@ impl Campaign<'_> {
         (q.len() == n).then_some(q)
     }
 
-    /// Direction of approach opposite to the best retreat from the sphere of `visit`.
-    fn way_off(&self, session: &Session<'_>, visit: &Visit) -> [f64; 3] {
+    /// Direction of approach opposite to the best retreat from the sphere of `visit`, after `failed` others.
+    fn way_off(&self, session: &Session<'_>, visit: &Visit, failed: u32) -> [f64; 3] {
         let straight = visit.approach_direction;
         let (Some(scene), Some(q)) = (self.scene(), self.posture(session)) else {
             return straight;
         };
-        scene.retreat(&q, straight, self.assignment.procedure.decouple.retreat_m)
+        let length_m = self.assignment.procedure.decouple.retreat_m;
+        scene.retreat(&q, straight, length_m, failed as usize)
+    }
+
+    /// Distance of the computed TCP from where the sphere of `visit` is expected, in m: where it was found, or else where
+    /// it was planned. `None` before the first sample.
+    fn away_m(&self, session: &Session<'_>, visit: &Visit) -> Option<f64> {
+        let found = self.places.found(visit.place);
+        let known = found.iter().find(|(sphere, _)| *sphere == visit.sphere_id);
+        let centre = known.map_or_else(|| visit.position_m.into(), |(_, centre)| *centre);
+        let tcp = session.sample()?.tcp_m.map(f64::from);
+        Some((Vector3::from(tcp) - centre).norm())
+    }
+
+    /// The visit on whose sphere the nest may be: that of the nearest sphere.
+    fn sits_at(&self, session: &Session<'_>) -> Option<&'a Visit> {
+        let visits = self.assignment.plan.spheres.iter();
+        let near = visits.filter_map(|visit| Some((self.away_m(session, visit)?, visit)));
+        let nearest = near.min_by(|a, b| a.0.total_cmp(&b.0));
+        nearest.filter(|(away_m, _)| *away_m < OFF_M).map(|(_, visit)| visit)
+    }
+
+    /// Decides where the nest is before anything else moves, and brings it off the sphere that it may be on. An earlier
+    /// host may have been killed at any moment, and a controller that is new knows nothing of it. Only the arm itself
+    /// tells for sure where it is: near the place of a sphere it retreats, which does no harm to a free arm.
+    pub(super) fn free_the_nest(&mut self, session: &mut Session<'_>) -> Result<(), CampaignError> {
+        session.see(SEEN_S)?;
+        if session.sample().is_none() {
+            return Ok(());
+        }
+        let attempts = self.assignment.options.attempts.max(1);
+        let mut last = None;
+        for attempt in 0..attempts {
+            let Some(visit) = self.sits_at(session) else {
+                self.touching = false;
+                return Ok(());
+            };
+            self.touching = true;
+            session.stage(CampaignStage::Recover, visit.sphere_id, self.assignment.plan);
+            session.note(&format!(
+                "the nest may be on sphere {}: retreating first",
+                visit.sphere_id
+            ));
+            let direction = self.way_off(session, visit, attempt);
+            let retreat = Command::Retreat { direction };
+            let Some(report) = session.carry_to_rest("retreat from the sphere", retreat, self.decouple_limit())? else {
+                self.touching = false;
+                return Ok(());
+            };
+            session.rest(pause_s(&report, attempt))?;
+            let report = session.clear_fault()?.unwrap_or(report);
+            last = Some((visit.sphere_id, report));
+        }
+        match last.filter(|_| self.sits_at(session).is_some()) {
+            None => Ok(()),
+            Some((sphere, report)) => Err(CampaignError::GivenUp {
+                sphere,
+                attempts,
+                report,
+            }),
+        }
     }
 
     /// Decouples from the sphere of `visit` after a fault, away from what the nest touches and in a
-    /// direction that leaves the joints room. Returns the fault, if one came. Does nothing if there
+    /// direction that leaves the arm room. Returns the fault, if one came. Does nothing if there
     /// was no contact.
-    fn pull_off(&self, session: &mut Session<'_>, visit: &Visit) -> Result<Option<FaultReport>, CampaignError> {
+    fn pull_off(
+        &self,
+        session: &mut Session<'_>,
+        visit: &Visit,
+        failed: u32,
+    ) -> Result<Option<FaultReport>, CampaignError> {
         let way = if self.touching {
-            self.way_off(session, visit)
+            self.way_off(session, visit, failed)
         } else {
             visit.approach_direction
         };
@@ -131,7 +204,12 @@ impl Campaign<'_> {
                 report = again;
                 continue;
             }
-            let Some(again) = self.pull_off(session, visit)? else {
+            // The arm is off, and only what follows failed: a joint at the end of its range, or an elbow that creeps.
+            let off = |away_m| away_m > OFF_M;
+            if report.phase == Phase::Decoupling && self.away_m(session, visit).is_some_and(off) {
+                return Ok(());
+            }
+            let Some(again) = self.pull_off(session, visit, attempt)? else {
                 return Ok(());
             };
             report = again;
@@ -143,10 +221,9 @@ impl Campaign<'_> {
         })
     }
 
-    /// Repeats the handshake with a controller that was lost, configures it again, and retreats
-    /// along the approach of `visit` if the nest may be on a sphere, because a controller that was
-    /// reset does not know that. From here a link that was down looks the same as a controller that
-    /// was reset, and needs the same steps.
+    /// Repeats the handshake with a controller that was lost, configures it again, and brings the nest off
+    /// its sphere, because a controller that was reset does not know of one. From here a link that was down
+    /// looks the same as a controller that was reset, and needs the same steps.
     fn reconnect(&mut self, session: &mut Session<'_>, visit: Option<&Visit>) -> Result<(), CampaignError> {
         session.note("the controller was reset or silent: repeating the handshake");
         session.stage(
@@ -160,28 +237,7 @@ impl Campaign<'_> {
         self.configure(session)?;
         // Its last recording may have been in transit when it was lost.
         self.count(session);
-        let Some(visit) = visit.filter(|_| self.touching) else {
-            return Ok(());
-        };
-        let attempts = self.assignment.options.attempts.max(1);
-        let mut last = None;
-        for attempt in 0..attempts {
-            let direction = self.way_off(session, visit);
-            let retreat = Command::Retreat { direction };
-            let Some(report) = session.carry_to_rest("retreat from the sphere", retreat, self.decouple_limit())? else {
-                self.touching = false;
-                return Ok(());
-            };
-            session.rest(pause_s(&report, attempt))?;
-            last = session.clear_fault()?.or(Some(report));
-        }
-        last.map_or(Ok(()), |report| {
-            Err(CampaignError::GivenUp {
-                sphere: visit.sphere_id,
-                attempts,
-                report,
-            })
-        })
+        self.free_the_nest(session)
     }
 
     /// A free motion to `target` (rad), with as many attempts as are allowed. Where the straight

@@ -87,10 +87,10 @@ fn named(preset: &str) -> Table {
 }
 
 impl Config {
-    /// The same configuration on a simulated arm with this preset and nothing else.
+    /// The same configuration with the simulated errors of this preset, except those that its `[plant]` states itself.
     #[must_use]
     pub fn on_preset(mut self, preset: &str) -> Self {
-        self.plant = named(preset);
+        self.plant.insert("preset".to_owned(), Value::from(preset));
         self
     }
 

@@ -113,6 +113,18 @@ pub struct Rules {
     pub jump_rad: f64,
 }
 
+/// How near a configuration is to a singular place.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct NearSingular {
+    /// What is left beyond the distance that the rules ask for: a difference of sines, or of the smallest singular value
+    /// (m and rad). Negative within it.
+    pub(super) room: f64,
+    /// Joint whose axis aligns its neighbours; 0 if no single joint does.
+    joint: u32,
+    /// Its angle, in rad (for joint 0: 0).
+    angle_rad: f64,
+}
+
 /// Angle between upper arm and forearm of an arm without the closed form, as a multiple of the second angle of
 /// [`Rules::singular_rad`]. An FR3 whose pose was 12 degrees from the stretched posture swung through it.
 const STRETCHED_FACTOR: f64 = 2.0;
@@ -170,26 +182,41 @@ impl Rules {
                 });
             }
         }
-        if chain.closed_form() {
-            for (k, least) in self.singular_rad.iter().enumerate() {
-                let joint = 2 * k + 1;
-                let angle = q[joint] + chain.rows()[joint].theta;
-                if wrapped(angle).sin().abs() < least.sin() {
-                    return Err(Obstacle::Singular {
-                        joint: joint as u32 + 1,
-                        angle_deg: angle.to_degrees(),
-                    });
-                }
-            }
-        } else if chain.smallest_singular_value(q) < self.singular_value {
+        let near = self.nearest_singular(chain, q);
+        if near.room < 0.0 {
             return Err(Obstacle::Singular {
-                joint: 0,
-                angle_deg: 0.0,
+                joint: near.joint,
+                angle_deg: near.angle_rad.to_degrees(),
             });
-        } else {
-            self.seven_joints(chain, q)?;
         }
         Ok(())
+    }
+
+    /// The singular place that `q` (rad) is nearest to, measured by what these rules ask for.
+    pub(super) fn nearest_singular(&self, chain: &Chain, q: &[f64]) -> NearSingular {
+        let nearest = |places: &mut dyn Iterator<Item = NearSingular>| {
+            places.min_by(|a, b| a.room.total_cmp(&b.room)).unwrap_or_default()
+        };
+        if chain.closed_form() {
+            return nearest(&mut self.singular_rad.iter().enumerate().map(|(k, least)| {
+                let joint = 2 * k + 1;
+                let angle_rad = q[joint] + chain.rows()[joint].theta;
+                NearSingular {
+                    room: wrapped(angle_rad).sin().abs() - least.sin(),
+                    joint: joint as u32 + 1,
+                    angle_rad,
+                }
+            }));
+        }
+        let rank = NearSingular {
+            room: chain.smallest_singular_value(q) - self.singular_value,
+            joint: 0,
+            angle_rad: 0.0,
+        };
+        if q.len() != 7 || rank.room < 0.0 {
+            return rank;
+        }
+        nearest(&mut self.seven_joints(chain, q).into_iter().chain([rank]))
     }
 
     /// The singular places of an arm with seven joints and without the closed form.
@@ -198,10 +225,7 @@ impl Rules {
     /// against each other, and nothing else moves. The elbow angle does not see that motion, and friction lets it run: a
     /// Franka's joint 1 turned by a radian, and the force estimate reached 190 N where nothing pressed. Where shoulder,
     /// elbow and wrist are in line (a Franka's joint 4 at -27 degrees), the arm is stretched.
-    fn seven_joints(&self, chain: &Chain, q: &[f64]) -> Result<(), Obstacle> {
-        if q.len() != 7 {
-            return Ok(());
-        }
+    fn seven_joints(&self, chain: &Chain, q: &[f64]) -> [NearSingular; 3] {
         let frames = chain.frames(q);
         let upper = frames[3].position - frames[1].position;
         let lower = frames[5].position - frames[3].position;
@@ -210,15 +234,11 @@ impl Rules {
             (3, upper, lower, STRETCHED_FACTOR * self.singular_rad[1]),
             (5, frames[4].z(), frames[6].z(), self.singular_rad[2]),
         ];
-        for (joint, before, after, least) in directions {
-            if before.cross(&after).norm() < least.sin() * before.norm() * after.norm() {
-                return Err(Obstacle::Singular {
-                    joint: joint as u32 + 1,
-                    angle_deg: q[joint].to_degrees(),
-                });
-            }
-        }
-        Ok(())
+        directions.map(|(joint, before, after, least)| NearSingular {
+            room: before.cross(&after).norm() / (before.norm() * after.norm()) - least.sin(),
+            joint: joint as u32 + 1,
+            angle_rad: q[joint],
+        })
     }
 
     /// Follows the move from `from`, where the joints are at `q`, to `to`, by the rules for

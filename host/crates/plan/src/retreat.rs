@@ -8,6 +8,7 @@ use core::f64::consts::{FRAC_PI_4, TAU};
 
 use nalgebra::{Rotation3, Unit, Vector3};
 
+use super::path::Rules;
 use super::scene::Scene;
 use super::way::{LIFT_STEP_M, SLACK_M};
 use spherecal_model::chain::TcpPose;
@@ -25,10 +26,11 @@ const ROOM_RAD: f64 = 0.03;
 impl Scene {
     /// The direction (towards the sphere, F0, a unit vector) opposite to the best retreat by
     /// `length_m` of an arm that stands at `q` (rad). It is `approach` if that retreat is clear and
-    /// leaves the joints room; else the tool's axis; else the direction from the contact; else one
-    /// beside these. If none is clear, it is the one near `approach` that leaves the joints most room.
-    /// The tool keeps its orientation.
-    pub fn retreat(&self, q: &[f64], approach: [f64; 3], length_m: f64) -> [f64; 3] {
+    /// leaves the arm room; else the tool's axis; else the direction from the contact; else one
+    /// beside these. If none is clear, it is the one near `approach` that leaves the arm most room.
+    /// The tool keeps its orientation. A retreat that failed is not repeated: `failed` of them are
+    /// passed over.
+    pub fn retreat(&self, q: &[f64], approach: [f64; 3], length_m: f64, failed: usize) -> [f64; 3] {
         let straight = Vector3::from(approach);
         let mut choices = vec![straight, self.chain.pose(q).rotation * Vector3::z()];
         choices.extend(self.towards_contact(q));
@@ -38,73 +40,88 @@ impl Scene {
         }
         let clear = choices
             .into_iter()
-            .find(|choice| self.leaves_clear(q, (*choice).into(), length_m));
-        clear.map_or_else(|| self.roomiest_retreat(q, &straight, length_m), Into::into)
+            .filter(|choice| self.leaves_clear(q, (*choice).into(), length_m))
+            .nth(failed);
+        clear.map_or_else(|| self.roomiest_retreat(q, &straight, length_m, failed), Into::into)
     }
 
     /// Whether the retreat of `length_m` against `direction` comes no nearer to anything than a margin
-    /// and leaves the joints room.
+    /// and leaves the arm room.
     pub(super) fn leaves_clear(&self, q: &[f64], direction: [f64; 3], length_m: f64) -> bool {
-        let Some(path) = self.backed_off(q, &direction.into(), length_m) else {
-            return false;
-        };
-        let refs: Vec<&[f64]> = path.iter().map(Vec::as_slice).collect();
-        let end = path.last().map(|q| self.clearances(q)).unwrap_or_default();
-        // The last clearance is that of the joints. They need their room on the whole way.
-        let Some((_, rest)) = end.split_last() else {
-            return false;
-        };
-        self.too_near(&refs, &vec![0.0; end.len()]) <= SLACK_M
-            && rest.iter().all(|clearance| *clearance >= 0.0)
-            && self.room(&path) >= ROOM_RAD
+        self.backed_off(q, &direction.into(), length_m).is_some_and(|paths| {
+            self.room(&paths) >= 0.0
+                && paths.iter().all(|path| {
+                    let refs: Vec<&[f64]> = path.iter().map(Vec::as_slice).collect();
+                    let end = path.last().map(|q| self.clearances(q)).unwrap_or_default();
+                    // The last clearance is that of the joints, which `room` judges on the whole way.
+                    end.split_last().is_some_and(|(_, rest)| {
+                        self.too_near(&refs, &vec![0.0; end.len()]) <= SLACK_M
+                            && rest.iter().all(|clearance| *clearance >= 0.0)
+                    })
+                })
+        })
     }
 
-    /// Among `straight` and the directions beside it: the least tilted one that leaves the joints their
-    /// room, else the one that leaves them most.
-    fn roomiest_retreat(&self, q: &[f64], straight: &Vector3<f64>, length_m: f64) -> [f64; 3] {
-        let room = |direction: &Vector3<f64>| {
-            let path = self.backed_off(q, direction, length_m);
-            path.map_or(f64::NEG_INFINITY, |path| self.room(&path))
-        };
+    /// Among `straight` and the directions beside it, the roomiest but for `failed`: of those that leave
+    /// the arm its room the least tilted, then those that leave it most.
+    fn roomiest_retreat(&self, q: &[f64], straight: &Vector3<f64>, length_m: f64, failed: usize) -> [f64; 3] {
         let axis = Unit::new_normalize(*straight);
-        let mut best = (room(straight), *straight);
-        for tilt in TILTS.into_iter().take(AWAY_FROM_THE_PLATE) {
-            if best.0 >= ROOM_RAD {
-                break;
-            }
-            for tilted in beside(&axis, tilt) {
-                let room = room(&tilted);
-                if room > best.0 {
-                    best = (room, tilted);
-                }
-            }
-        }
-        best.1.into()
+        let tilts = TILTS.into_iter().take(AWAY_FROM_THE_PLATE);
+        let mut ways: Vec<(f64, Vector3<f64>)> = [*straight]
+            .into_iter()
+            .chain(tilts.flat_map(|tilt| beside(&axis, tilt)))
+            .map(|way| {
+                let paths = self.backed_off(q, &way, length_m);
+                (paths.map_or(f64::NEG_INFINITY, |paths| self.room(&paths)), way)
+            })
+            .collect();
+        // A stable sort keeps the order of the tilts.
+        ways.sort_by(|a, b| b.0.min(0.0).total_cmp(&a.0.min(0.0)));
+        ways[failed % ways.len()].1.into()
     }
 
-    /// The smallest distance of a joint to the end of its range after the first of these
-    /// configurations, beyond the distance at which the controller stops it, in rad.
-    fn room(&self, path: &[Vec<f64>]) -> f64 {
-        let margins = path.iter().skip(1).map(|q| self.chain.limit_margin(q));
-        margins.fold(f64::INFINITY, f64::min) - self.limits.position_margin_rad
+    /// The smallest room after the first configuration of these retreats, in rad; negative where it is
+    /// less than a retreat needs: to the end of a joint's range, and to a singular place. An arm that
+    /// stands nearer to a singular place may stay as near.
+    ///
+    /// A Franka's elbow runs through the stretched posture by itself: with the nest 50 mm off, its
+    /// joint 4 went on from -41 degrees to the end of its range.
+    fn room(&self, paths: &[Vec<Vec<f64>>]) -> f64 {
+        let rules = Rules::default();
+        let singular = |q: &[f64]| rules.nearest_singular(&self.chain, q).room;
+        let least = paths
+            .first()
+            .and_then(|path| path.first())
+            .map_or(0.0, |q| singular(q).min(0.0));
+        let ends = self.limits.position_margin_rad + ROOM_RAD;
+        let rooms = paths
+            .iter()
+            .flat_map(|path| path.iter().skip(1))
+            .map(|q| (self.chain.limit_margin(q) - ends).min(singular(q) - least));
+        rooms.fold(f64::INFINITY, f64::min)
     }
 
-    /// The configurations of a retreat of `length_m` against `direction`, the present one first.
-    /// `None` where the arm does not reach.
-    fn backed_off(&self, q: &[f64], direction: &Vector3<f64>, length_m: f64) -> Option<Vec<Vec<f64>>> {
+    /// The configurations of a retreat of `length_m` against `direction`, the present one first: for an
+    /// elbow that turns as little as it can, and for one that keeps its angle, as the controller wants it.
+    /// Friction decides what lies between. `None` where the arm does not reach.
+    fn backed_off(&self, q: &[f64], direction: &Vector3<f64>, length_m: f64) -> Option<Vec<Vec<Vec<f64>>>> {
         let start = self.chain.pose(q);
-        let mut path = vec![q.to_vec()];
         let parts = (length_m / LIFT_STEP_M).ceil().max(1.0);
-        for part in 1..=parts as usize {
-            let pose = TcpPose {
-                position: start.position - direction * (length_m * part as f64 / parts),
-                elbow: None,
-                ..start
-            };
-            let next = self.chain.follow(&pose, path.last()?)?;
-            path.push(next);
-        }
-        Some(path)
+        let elbows = [None].into_iter().chain(start.elbow.map(Some));
+        let path = |elbow| {
+            let mut path = vec![q.to_vec()];
+            for part in 1..=parts as usize {
+                let pose = TcpPose {
+                    position: start.position - direction * (length_m * part as f64 / parts),
+                    elbow,
+                    ..start
+                };
+                let next = self.chain.follow(&pose, path.last()?)?;
+                path.push(next);
+            }
+            Some(path)
+        };
+        elbows.map(path).collect()
     }
 
     /// Direction from the tool to the ball that is nearest to it, if one is near: that in which the
@@ -153,20 +170,42 @@ mod tests {
         let plan = spread_plan(&cell, 3).expect("a plan");
         let scene = Scene::new(&plan, &chain, 0, &Limits::default(), &[]);
         let bent = &plan.spheres[0].poses[0].joints;
-        assert_eq!(scene.retreat(bent, DOWN, 0.05), DOWN);
+        assert_eq!(scene.retreat(bent, DOWN, 0.05, 0), DOWN);
         // A posture from the paper's grid in which joint 6 ran into its limit.
         let stretched = [0.075, 1.165, 0.012, -0.386, -0.299, 1.963, 0.145];
-        let room = |direction: [f64; 3]| {
-            let path = scene.backed_off(&stretched, &direction.into(), 0.05);
-            path.map_or(f64::NEG_INFINITY, |path| scene.room(&path))
-        };
-        assert!(room(DOWN) < ROOM_RAD);
+        let room = |direction: [f64; 3]| room(&scene, &stretched, direction);
+        assert!(room(DOWN) < 0.0);
         for way in [
-            scene.retreat(&stretched, DOWN, 0.05),
-            scene.roomiest_retreat(&stretched, &DOWN.into(), 0.05),
+            scene.retreat(&stretched, DOWN, 0.05, 0),
+            scene.roomiest_retreat(&stretched, &DOWN.into(), 0.05, 0),
         ] {
-            assert!(room(way) >= ROOM_RAD, "{way:?}");
+            assert!(room(way) >= 0.0, "{way:?}");
             assert!(-way[2] > 0.4, "{way:?}");
         }
+    }
+
+    fn room(scene: &Scene, q: &[f64], direction: [f64; 3]) -> f64 {
+        let paths = scene.backed_off(q, &direction.into(), 0.05);
+        paths.map_or(f64::NEG_INFINITY, |paths| scene.room(&paths))
+    }
+
+    // Fails if an FR3 retreats into its stretched posture, where its elbow runs on to the end of joint 4, or if a
+    // retreat that failed is tried again. The posture is that of a contact that was lost in `docs/first-cell.md`.
+    #[test]
+    fn the_retreat_keeps_clear_of_the_stretched_posture() {
+        let mut cell = Cell::iiwa7();
+        cell.robot = spherecal_shared::robot::built_in("fr3").expect("a robot");
+        let chain = Chain::new(&cell.robot, &cell.tool).expect("an arm");
+        let scene = Scene::planned(&cell, &chain, &cell.plates[0]);
+        let q = [0.644, 0.942, -0.997, -0.952, 0.238, 0.980, 0.062];
+        assert!(room(&scene, &q, DOWN) < 0.0, "{}", room(&scene, &q, DOWN));
+        let ways = [0, 1, 2].map(|failed| scene.retreat(&q, DOWN, 0.05, failed));
+        for way in ways {
+            assert!(room(&scene, &q, way) >= 0.0, "{way:?}");
+        }
+        assert!(
+            ways[0] != ways[1] && ways[1] != ways[2] && ways[0] != ways[2],
+            "{ways:?}"
+        );
     }
 }

@@ -102,7 +102,7 @@ fn from_every_pose_a_clear_way_leads_back() {
                 let Some(q) = beside(&chain, &pose.joints, side) else {
                     continue;
                 };
-                let direction = scene.retreat(&q, visit.approach_direction, 0.05);
+                let direction = scene.retreat(&q, visit.approach_direction, 0.05, 0);
                 tight += usize::from(!scene.leaves_clear(&q, direction, 0.05));
                 let Some(off) = beside(&chain, &q, -Vector3::from(direction) * 0.05) else {
                     continue;

@@ -51,6 +51,8 @@ impl Session<'_> {
         self.inbox.clear();
         self.banner = None;
         self.pending_fault = None;
+        // Nobody knows where the arm is now.
+        self.samples.clear();
         // Its clock may have restarted.
         self.phase = Phase::Idle;
         self.changed_us = 0;

@@ -119,6 +119,16 @@ impl Session<'_> {
         Ok(())
     }
 
+    /// Waits for a sample of the control loop, at most for `limit_s` (s): from then on it is known where the arm is.
+    pub(crate) fn see(&mut self, limit_s: f64) -> Result<(), CampaignError> {
+        let start = self.now_us();
+        while self.samples.is_empty() && self.now_us().saturating_sub(start) as f64 * 1e-6 < limit_s {
+            self.check_interrupt()?;
+            self.step()?;
+        }
+        Ok(())
+    }
+
     /// Steps until `done` says so or a fault comes.
     pub(crate) fn wait<T>(
         &mut self,
