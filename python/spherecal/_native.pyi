@@ -61,7 +61,6 @@ def identify(
     payload_com_m: list[float] | None,
     holdout: str | None,
     accuracy_mm: float | None,
-    residual_map: bool,
     options_toml: str | None,
     method: str | None,
     model: str | None,

@@ -362,7 +362,6 @@ def identify(
     payload_kg: float | None = None,
     payload_com: ArrayLike | None = None,
     accuracy: float | None = None,
-    residual_map: bool = False,
     method: str | None = None,
     model: str | None = None,
     options: str | None = None,
@@ -391,8 +390,6 @@ def identify(
     - ``holdout``: ``"place"`` or ``"sphere"``: holds each value out in turn.
     - ``payload_kg``, ``payload_com``: mass at the flange (kg) and its centre of mass (m).
     - ``accuracy``: mean error of the TCP that is asked for, m; a worse result is refused.
-    - ``residual_map``: tries a map of what the model leaves; ``summary["residual_map"]`` says what came of
-      it. The rows must be in the order of measurement.
     - ``method``, ``model``, ``seed``: as the command's options. ``options``: TOML text, as the
       command's ``--config``.
 
@@ -452,7 +449,6 @@ def identify(
         payload_com_m=None if payload_com is None else vector("payload_com", payload_com, "m (flange frame)"),
         holdout=holdout,
         accuracy_mm=None if accuracy is None else accuracy * 1e3,
-        residual_map=bool(residual_map),
         options_toml=options,
         method=method,
         model=model,

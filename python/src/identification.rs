@@ -162,7 +162,7 @@ fn named<T: std::str::FromStr<Err: ToString>>(field: &str, name: &str) -> Result
 /// Identifies a robot from tables in memory: the path of the command `identify`.
 #[pyfunction]
 #[pyo3(signature = (robot, data, *, validate, plate_file, plate_text, tool_m, payload_kg, payload_com_m, holdout,
-    accuracy_mm, residual_map, options_toml, method, model, seed))]
+    accuracy_mm, options_toml, method, model, seed))]
 pub(crate) fn identify(
     py: Python<'_>,
     robot: &NativeRobot,
@@ -175,7 +175,6 @@ pub(crate) fn identify(
     payload_com_m: Option<[f64; 3]>,
     holdout: Option<String>,
     accuracy_mm: Option<f64>,
-    residual_map: bool,
     options_toml: Option<String>,
     method: Option<String>,
     model: Option<String>,
@@ -216,7 +215,6 @@ pub(crate) fn identify(
             payload_com_mm: payload_com_m.map(|com| com.map(|x| x * 1e3)),
             holdout,
             accuracy_mm,
-            residual_map,
             options,
             ..StudyRequest::default()
         };

@@ -8,7 +8,7 @@ use clap::Args;
 use clap::builder::TypedValueParser;
 
 use super::progress::Planning;
-use crate::simulated::{self, SimulatedCell};
+use crate::simulated::{self, SimulatedCell, SimulationError};
 use spherecal_job::{self as job, Config, ConfigError, JobError, Link, PreparedRun, Simulator, TaughtWaypoints};
 use spherecal_services::GuardFiles;
 use spherecal_store::{Peer, StoreLocation, UnknownScheme};
@@ -126,17 +126,15 @@ pub(super) fn base(file: Option<&Path>, seed: Option<u64>) -> Result<Config, Job
 /// # Errors
 /// An unknown preset, or one that leaves the arm as it is, because `[plant]` states every field.
 pub(super) fn on_preset(config: Config, preset: &str) -> Result<Config, JobError> {
-    let before = config.plant()?;
+    let before = simulated::plant(&config)?;
     let named = config.plant.get("preset").and_then(|name| name.as_str()) == Some(preset);
     let config = config.on_preset(preset);
-    if !named && config.plant()? == before {
-        return Err(ConfigError::PlantSection {
-            message: format!(
-                "--preset {preset} changes nothing: [plant] of the configuration states every field; leave --preset out, or \
-                 remove the fields that the preset shall set"
-            ),
-        }
-        .into());
+    if !named && simulated::plant(&config)? == before {
+        let words = format!(
+            "--preset {preset} changes nothing: [plant] of the configuration states every field; leave --preset out, or remove \
+             the fields that the preset shall set"
+        );
+        return Err(SimulationError::Section(words).into());
     }
     Ok(config)
 }

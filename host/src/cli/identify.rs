@@ -86,12 +86,6 @@ pub struct IdentifyArgs {
     /// Mean error of the TCP over the workspace that is asked for, in mm: a worse result is refused.
     #[arg(long, value_name = "MM", requires = "data", value_parser = accuracy)]
     pub accuracy_mm: Option<f64>,
-    /// Try a map of what the model leaves: a displacement of the TCP that depends on the tool's orientation, or on the
-    /// joint angles. Ten contiguous blocks of rows are predicted by fits and maps of the others, and a map is kept
-    /// only if it lowers their error by 2 % and by 2 standard errors. summary.json then holds it, as `residual_map`;
-    /// the robot files and the compensator do not. Give the rows in the order of measurement. Takes ten more fits.
-    #[arg(long, requires = "data")]
-    pub residual_map: bool,
     /// Columns with the joint angles, base to flange, instead of q1..qn (rad; degrees if the name
     /// ends in _deg). In a bag: names of the joints.
     #[arg(long, value_name = "A,B,C", value_delimiter = ',')]
@@ -187,7 +181,6 @@ fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<StudyRequest
         validate: args.validate.clone(),
         holdout: args.holdout.clone(),
         accuracy_mm: args.accuracy_mm,
-        residual_map: args.residual_map,
         joint_columns: args.joint_columns.clone(),
         ignore_columns: args.ignore_columns.clone(),
         options,

@@ -56,9 +56,6 @@ impl StudyProgress {
             StudyStep::Evaluating(evaluate::EvaluationStep::Fitting { rows }) => {
                 (format!("fitting {rows} rows"), rows >= MANY)
             }
-            StudyStep::Evaluating(evaluate::EvaluationStep::Mapping { rows }) => {
-                (format!("trying maps of the residuals on blocks of {rows} rows"), true)
-            }
             StudyStep::Evaluating(evaluate::EvaluationStep::Comparing { estimator }) => {
                 (format!("comparing with {estimator}"), false)
             }

@@ -2,7 +2,7 @@
 
 use sha2::{Digest, Sha256};
 use spherecal_identify::Recordings;
-use spherecal_identify::diagnosis::Source;
+use spherecal_identify::Source;
 use spherecal_identify::evaluate::repeatability;
 use spherecal_report::{BudgetLine, COVERAGE, Certificate, PositionError, Uncertainty};
 use spherecal_store::time::months_after;
@@ -80,9 +80,9 @@ pub(crate) fn certificate(
         configuration_sha256: about.configuration.as_deref().map(sha256),
         recordings: evaluation.used.len(),
         recordings_sha256: about.recordings_sha256,
-        expected_error_mm: verdict.expected_error_mm,
-        geometry_alone_mm: evaluation.geometry_alone().ok().and_then(|(_, expected)| expected),
-        nominal_error_mm: verdict.nominal_error_mm,
+        expected_error_mm: verdict.expected_error_mm.map(|e| e.work),
+        geometry_alone_mm: verdict.file_error_mm.map(|e| e.work),
+        nominal_error_mm: verdict.nominal_error_mm.map(|e| e.work),
         uncertainty,
         budget,
         position_errors: position_errors(recordings, evaluation, about.simulated),

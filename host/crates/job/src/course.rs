@@ -1,6 +1,6 @@
 //! When and in which coupling each recording of a run was made.
 
-use spherecal_identify::diagnosis::Course;
+use spherecal_identify::causes::Course;
 use spherecal_shared::protocol::host::{Coupled, Recording};
 
 /// The course of a run.

@@ -150,6 +150,7 @@ pub fn evaluate(m: &Measurements, simulator: &dyn Simulator) -> Result<Evaluatio
         },
         // The campaign knows its frames and tool.
         align: false,
+        work: Some(spherecal_identify::workspace(&m.robot, &m.tool)),
         models: vec![
             Estimator::Laser,
             Estimator::LaserFull,

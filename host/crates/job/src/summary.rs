@@ -13,7 +13,7 @@ use super::certificate::run_certificate;
 use super::hexadecimal::hexadecimal;
 use super::{DriveTiming, Evaluation, JobError, LinkRecord, Measurements};
 use spherecal_identify::validate::{Alignment, ErrorStatistics};
-use spherecal_identify::{ExpectedError, ParameterEstimate, Verdict};
+use spherecal_identify::{ExpectedError, ExpectedErrors, ParameterEstimate, Verdict};
 use spherecal_link::Injected;
 use spherecal_report::Certificate;
 
@@ -281,11 +281,18 @@ fn hash(recordings: &[Recording]) -> Result<String, JobError> {
     Ok(hexadecimal(&hash.finalize()))
 }
 
-/// The expected error in words.
-pub fn expected_words(e: &ExpectedError) -> String {
+/// The expected error over the three regions in words.
+pub fn expected_words(e: &ExpectedErrors) -> String {
+    let of = |name: &str, e: &ExpectedError| {
+        format!(
+            "{name} {:.3} mm in the mean (95 % interval {:.3} to {:.3}), 95 % below {:.3}",
+            e.mean, e.interval[0], e.interval[1], e.p95
+        )
+    };
     format!(
-        "Expected error of the full model over the workspace: mean {:.3} mm (95 % interval \
-         {:.3} to {:.3} mm), 95 % of the workspace below {:.3} mm",
-        e.mean, e.interval[0], e.interval[1], e.p95
+        "Expected error with the compensator: {}; {}; {} (extrapolated)",
+        of("over the work region", &e.work),
+        of("as measured, with the instrument's noise,", &e.measured),
+        of("over the whole reach", &e.whole)
     )
 }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use spherecal_identify::ExpectedError;
+use spherecal_identify::Pose;
 use spherecal_shared::robot::MdhRow;
 use spherecal_shared::robot::compensator::CompensatedJoint;
 
@@ -11,7 +11,9 @@ use super::other_robot::keep_other_robots;
 use super::run_report;
 use super::{Evaluation, JobError, Measurements, Summary};
 use spherecal_campaign::telemetry::ContactTrace;
-use spherecal_model::robots::{self, RobotModel, toml_file, write_kinematics_yaml, write_offsets_yaml, write_urdf};
+use spherecal_model::robots::{
+    self, RobotModel, toml_file, write_kinematics_yaml, write_offsets_yaml, write_urdf_with_tcp,
+};
 use spherecal_model::write_file;
 use spherecal_report::render;
 
@@ -74,9 +76,16 @@ pub(crate) fn write_results(folder: &Path, results: &Results<'_>) -> Result<File
     };
     files.put(folder, "summary.json", &format!("{:#}\n", results.summary))?;
     files.put(folder, "calibrated.toml", &texts.toml)?;
-    files.put(folder, "calibrated.urdf", &texts.urdf)?;
-    files.put(folder, "kinematics.yaml", &texts.kinematics_yaml)?;
-    files.put(folder, "offsets.yaml", &texts.offsets_yaml)?;
+    if geometry_helps(results.evaluation) {
+        files.put(folder, "calibrated.urdf", &texts.urdf)?;
+        files.put(folder, "kinematics.yaml", &texts.kinematics_yaml)?;
+        files.put(folder, "offsets.yaml", &texts.offsets_yaml)?;
+    } else {
+        for name in ["calibrated.urdf", "kinematics.yaml", "offsets.yaml"] {
+            // One of an earlier run would be taken for this result.
+            let _ = std::fs::remove_file(folder.join(name));
+        }
+    }
     if let Some(html) = results.report {
         files.put(folder, "report.html", html)?;
     }
@@ -106,50 +115,58 @@ pub(crate) fn calibrated_texts(results: &Results<'_>) -> Result<CalibratedTexts,
     let Results {
         nominal, evaluation, ..
     } = results;
-    let (alone, expected) = evaluation.geometry_alone()?;
+    let alone = &evaluation.geometry;
     let mut model = RobotModel::clone(nominal);
     model.robot = alone.robot.clone();
     model.tool.tcp_m = model.tcp_in_flange(alone.tool.tcp_m);
     let rows = model.rows();
-    let notes = notes(results, &model, alone.apart_mm, expected);
+    let notes = notes(results, &model);
     Ok(CalibratedTexts {
         toml: toml_file::write(&model, &notes) + &effects_toml(results),
-        urdf: write_urdf(nominal, &rows, &notes),
+        urdf: write_urdf_with_tcp(nominal, &rows, &notes, &model.tool.tcp_m),
         kinematics_yaml: write_kinematics_yaml(nominal, &rows, &notes),
         offsets_yaml: write_offsets_yaml(nominal, &rows, &notes),
         model,
     })
 }
 
-/// What a calibrated file says of its origin.
-fn notes(results: &Results<'_>, model: &RobotModel, apart_mm: f64, expected: Option<ExpectedError>) -> Vec<String> {
+/// Whether the geometry alone is better than the nominal robot over the work region; a file that is not is not written.
+pub(crate) fn geometry_helps(evaluation: &Evaluation) -> bool {
+    evaluation.geometry.better.is_none_or(|probability| probability >= 0.5)
+}
+
+/// The files of a result with the error that each has over the work region, for `summary.json`.
+pub(crate) fn files_json(evaluation: &Evaluation) -> serde_json::Value {
+    let verdict = &evaluation.verdict;
+    let mut files = vec![serde_json::json!({
+        "name": "calibrated.toml with its compensator",
+        "expected_error_mm": verdict.expected_error_mm.map(|e| e.work),
+        "region": "work",
+    })];
+    if geometry_helps(evaluation) {
+        files.push(serde_json::json!({
+            "name": "calibrated.urdf",
+            "expected_error_mm": verdict.file_error_mm.map(|e| e.work),
+            "region": "work",
+        }));
+    }
+    files.into()
+}
+
+/// What a calibrated file says of its origin: first the error of the file itself.
+fn notes(results: &Results<'_>, model: &RobotModel) -> Vec<String> {
     let evaluation = results.evaluation;
     let verdict = &evaluation.verdict;
     let mut notes = vec![results.origin.clone()];
-    if let Some(table) = evaluation.table()
-        && let (Some(nominal), Some(sphere)) = (table.model("nominal"), table.model("sphere"))
-    {
-        notes.push(format!(
-            "full model: mean error {:.3} mm, nominally {:.3} mm, on {} laser measurements (base measured by arcs)",
-            sphere.arcs.mean_mm, nominal.arcs.mean_mm, table.n
-        ));
-    } else if let Some(judged) = &evaluation.judged
-        && let (Some(nominal), Some(calibrated)) = (judged.model("nominal"), judged.model("calibrated"))
-    {
-        let (nominal, calibrated) = (nominal.errors(), calibrated.errors());
-        notes.push(format!(
-            "full model: mean error {:.3} mm, nominally {:.3} mm, over {} samples ({})",
-            calibrated.mean_mm, nominal.mean_mm, calibrated.n, judged.by
-        ));
-    }
-    notes.push(match expected {
+    notes.push(match verdict.file_error_mm {
         Some(e) => format!(
-            "this file holds geometry alone: expected error {:.3} mm in the mean over the workspace (95 % interval {:.3} \
-             to {:.3} mm); {:.3} mm in the mean from the full model over the joints' whole ranges",
-            e.mean, e.interval[0], e.interval[1], apart_mm
+            "this file holds geometry alone: expected error {:.3} mm in the mean over the work region (95 % interval {:.3} to \
+             {:.3} mm); the full model with its compensator is {:.3} mm from it in the mean",
+            e.mean, e.interval[0], e.interval[1], evaluation.geometry.apart_mm
         ),
         None => format!(
-            "this file holds geometry alone: {apart_mm:.3} mm in the mean from the full model over the joints' whole ranges"
+            "this file holds geometry alone: {:.3} mm in the mean from the full model",
+            evaluation.geometry.apart_mm
         ),
     });
     notes.push(
@@ -161,11 +178,29 @@ fn notes(results: &Results<'_>, model: &RobotModel, apart_mm: f64, expected: Opt
         .to_owned(),
     );
     notes.push(format!(
-        "TCP {} mm in the flange frame {}",
+        "TCP {} mm in the flange frame {}: it belongs to this geometry",
         spherecal_identify::evaluate::millimetres(&model.tool.tcp_m),
         model.frame_names.1
     ));
+    let base = base_of_files(evaluation);
+    notes.push(format!(
+        "base frame {} at {} mm, turned by the rotation vector ({:.6}, {:.6}, {:.6}) rad, in the frame of the measurements",
+        model.frame_names.0,
+        spherecal_identify::evaluate::millimetres(&base.position.into()),
+        base.rotation_vector().x,
+        base.rotation_vector().y,
+        base.rotation_vector().z
+    ));
     notes
+}
+
+/// The base frame of the files' geometry in the first frame of the measurements.
+fn base_of_files(evaluation: &Evaluation) -> Pose {
+    let (full, own) = (&evaluation.calibration.base, &evaluation.geometry.base);
+    Pose {
+        position: full.position + full.rotation * own.position,
+        rotation: full.rotation * own.rotation,
+    }
 }
 
 /// The effects that a bare table cannot hold, for the TOML.

@@ -9,9 +9,9 @@ use super::input::{
     ErrorSeries, ErrorTable, Headline, ModelRow, PredictedAccuracy, ReportInput, ResidualPoint, SimpleTable,
     WorkspacePoint,
 };
-use spherecal_identify::Target;
 use spherecal_identify::evaluate::{Errors, Judge, Judged, JudgedModel, millimetres};
 use spherecal_identify::study::Study;
+use spherecal_identify::{Calibration, Target};
 
 fn rows(judged: &Judged) -> Vec<ModelRow> {
     judged
@@ -67,7 +67,7 @@ pub fn study_report(study: &Study, created: &str, certificate: &Certificate) -> 
     let sentence = if let (Some(e), Some(before)) = (expected, v.nominal_error_mm) {
         // A cross-validation knows no more than where the data are.
         format!(
-            "The expected error of the calibrated {name} over its workspace is {:.3} mm in the mean (95 % interval {:.3} \
+            "The expected error of the calibrated {name} over the work region is {:.3} mm in the mean (95 % interval {:.3} \
              to {:.3} mm), that of the nominal one {:.3} mm.",
             e.mean, e.interval[0], e.interval[1], before.mean
         )
@@ -185,7 +185,6 @@ pub fn study_report(study: &Study, created: &str, certificate: &Certificate) -> 
         }
     }
     let mut notes = study.notes.clone();
-    notes.extend(evaluation.residual_map.as_ref().map(|report| report.words.clone()));
     if calibration.residual.rows.len() > rows_drawn.len() {
         notes.push(format!(
             "the figures by row show every {}th of {} rows; tables and histograms use all rows",
@@ -357,10 +356,7 @@ fn provenance(study: &Study, created: &str) -> Vec<(String, String)> {
                 evaluation.calibration.method, evaluation.calibration.model
             ),
         ),
-        (
-            "noise found".to_owned(),
-            format!("{:.2} times the assumed", evaluation.calibration.noise_scale),
-        ),
+        ("noise found".to_owned(), noise_words(&evaluation.calibration)),
         ("time taken".to_owned(), format!("{:.2} s", study.wall_s)),
     ];
     if let Ok(options) = toml::to_string(&evaluation.options) {
@@ -368,4 +364,20 @@ fn provenance(study: &Study, created: &str) -> Vec<(String, String)> {
         out.push(("options".to_owned(), words.join("; ")));
     }
     out
+}
+
+/// The noise that the data have, in words.
+fn noise_words(calibration: &Calibration) -> String {
+    let noise = &calibration.noise;
+    let contacts = calibration.groups.iter().any(|g| g.sphere.is_some());
+    let (of, own) = if contacts {
+        ("seat", noise.seating_m)
+    } else {
+        ("instrument", noise.point_m)
+    };
+    format!(
+        "joints {:.0} µrad, {of} {:.0} µm (1 sigma, each axis)",
+        noise.joint_rad * 1e6,
+        own * 1e6
+    )
 }

@@ -52,7 +52,7 @@ pub fn error_figures(by: &str, nominal: Error, calibrated: Error) -> [HeadlineFi
     })
 }
 
-/// The expected error over the workspace as figures: that of the full model, which a compensator
+/// The expected error over the work region as figures: that of the full model, which a compensator
 /// carries out, and that of the geometry alone, which the files hold.
 pub fn expected_figures(evaluation: &Evaluation) -> Vec<HeadlineFigure> {
     let Some(full) = &evaluation.verdict.expected_error_mm else {
@@ -60,13 +60,12 @@ pub fn expected_figures(evaluation: &Evaluation) -> Vec<HeadlineFigure> {
     };
     let figure = |name: &str, of: &str, error: &ExpectedError| {
         let [low, high] = error.interval;
-        let what = format!("{of}; mean over the workspace, 95 % interval {low:.3} to {high:.3} mm");
+        let what = format!("{of}; mean over the work region, 95 % interval {low:.3} to {high:.3} mm");
         (name.to_owned(), format!("{:.3} mm", error.mean), what)
     };
     let mut figures = vec![figure("Expected error", "full model, by the compensator", full)];
-    // A geometry that does not converge has no file either.
-    if let Ok((_, Some(alone))) = evaluation.geometry_alone() {
-        figures.push(figure("Geometry alone", "calibrated.urdf in a controller", &alone));
+    if let Some(alone) = &evaluation.verdict.file_error_mm {
+        figures.push(figure("Geometry alone", "calibrated.urdf in a controller", alone));
     }
     figures
 }

@@ -19,6 +19,7 @@ use spherecal_model::Chain;
 use spherecal_shared::robot::Tool;
 
 use crate::causes::Causes;
+use crate::hierarchy::constants::SURE;
 use crate::judge::{HeldOut, Judged};
 use crate::recordings::Recordings;
 use crate::statement::{ExpectedErrors, Statement};
@@ -106,6 +107,8 @@ impl Check {
 /// Whether a result may be used.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Verdict {
+    /// Before, after, of which artefact, over which region, may it be used: in one sentence.
+    pub headline: String,
     /// Exit code 0 instead of 3.
     pub may_be_used: bool,
     /// Probability that the result is better over the work region than the nominal robot and, where an accuracy was
@@ -206,28 +209,79 @@ pub fn verdict(evidence: &Evidence<'_>) -> Verdict {
     let nominal = evidence.nominal_error();
     let independent = evidence.table.is_some() || (evidence.judged.is_some() && !evidence.cross_validated);
     let means = match (independent, expected, nominal) {
-        (false, Some(expected), Some(nominal)) => Some((nominal.mean, expected.mean)),
+        (false, Some(expected), Some(nominal)) => Some((nominal.work.mean, expected.work.mean)),
         _ => evidence.compared().map(|c| (c.nominal.0, c.calibrated.0)),
     };
-    let next = if !may_be_used {
-        "Do not load this model: remove the causes named above, or measure more poses over a wider range of orientations \
-         and elbow positions, and run again."
-    } else if independent {
-        "Load calibrated.urdf or calibrated.toml into your controller or planner; report.html says how good it is where."
-    } else {
-        "Load calibrated.urdf or calibrated.toml, and check it on a few points of your own with --validate."
-    };
+    let file = evidence.file_error();
+    let next = next(evidence, may_be_used);
     Verdict {
+        headline: headline(evidence, may_be_used),
         may_be_used,
         probability: evidence.probability(),
         expected_error_mm: expected,
         nominal_error_mm: nominal,
-        file_error_mm: evidence.file_error(),
+        file_error_mm: file,
         improvement: means
             .filter(|(nominal, _)| *nominal > 0.0)
             .map(|(nominal, calibrated)| 1.0 - calibrated / nominal),
         reasons,
-        next: next.to_owned(),
+        next,
         checks,
     }
+}
+
+/// Before, after, of which artefact, over which region, may it be used.
+fn headline(evidence: &Evidence<'_>, may_be_used: bool) -> String {
+    let simulated = match &evidence.recordings.campaign {
+        Some(campaign) if campaign.simulated => "SIMULATED ",
+        _ => "",
+    };
+    let robot = &evidence.recordings.experiment.robot.name;
+    let figures = match (
+        evidence.expected_error(),
+        evidence.nominal_error(),
+        evidence.file_error(),
+    ) {
+        (Some(own), Some(nominal), Some(file)) => format!(
+            "{:.2} mm -> {:.2} mm (expected, work region, with the compensator; {:.2} mm with calibrated.urdf alone)",
+            nominal.mean, own.mean, file.mean
+        ),
+        _ => match evidence.compared() {
+            Some(found) => format!(
+                "{:.2} mm -> {:.2} mm (mean of the rows that judge it)",
+                found.nominal.0, found.calibrated.0
+            ),
+            None => "nothing judged the result".to_owned(),
+        },
+    };
+    let word = if may_be_used { "OK to use." } else { "DO NOT USE." };
+    format!("{simulated}{robot}: {figures}. {word}")
+}
+
+/// What to do next, by the artefact with the error that it has.
+fn next(evidence: &Evidence<'_>, may_be_used: bool) -> String {
+    if !may_be_used {
+        return "Do not load this model: remove the causes named above, or measure more poses over a wider range of \
+                orientations and joint angles, and run again."
+            .to_owned();
+    }
+    if evidence.recordings.campaign.as_ref().is_some_and(|c| c.simulated) {
+        return "The files are those of a simulated arm: they show what a run gives, and fit no real robot.".to_owned();
+    }
+    let (Some(own), Some(file)) = (evidence.expected_error(), evidence.file_error()) else {
+        return "Load calibrated.urdf or calibrated.toml, and check it on a few points of your own with --validate."
+            .to_owned();
+    };
+    if evidence.geometry.better.is_some_and(|p| p < SURE) {
+        return format!(
+            "Use the compensator of calibrated.toml ({:.3} mm expected over the work region). calibrated.urdf alone is not \
+             surely better than the nominal robot there.",
+            own.mean
+        );
+    }
+    format!(
+        "Load calibrated.urdf ({:.3} mm expected over the work region), or use the compensator of calibrated.toml too ({:.3} \
+         mm). Check a few points of your own with --validate.",
+        file.mean, own.mean
+    )
 }

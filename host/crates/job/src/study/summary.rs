@@ -143,18 +143,19 @@ pub fn summary_json(study: &Study, certificate: &Certificate) -> Value {
             "noise_amplification": finite(identifiability.noise_amplification),
         },
         "parameters": parameters,
-        "tool_mm": study.model.tcp_in_flange(calibration.tool.tcp_m).map(|x| x * 1e3),
+        "tool_mm": study.model.tcp_in_flange(evaluation.geometry.tool.tcp_m).map(|x| x * 1e3),
         "frames": frames,
         "places": names,
         "residual": {
             "rms_mm": residual.rms_mm, "mean_mm": residual.mean_mm, "max_mm": residual.max_mm,
             "outliers": residual.outliers.len(), "outlier_rows": outliers, "rejected_rows": rejected,
         },
-        "noise_scale": calibration.noise_scale,
+        "noise": calibration.noise,
         "effective_parameters": calibration.effective_parameters,
         "predicted": { "mean_mm": evaluation.predicted_mm.0, "max_mm": evaluation.predicted_mm.1 },
         "validation": evaluation.judged.as_ref().map_or_else(|| json!({ "n": 0, "models": {} }), |j| judged_json(j, closed_loop)),
         "verdict": evaluation.verdict,
+        "files": crate::write::files_json(evaluation),
         "certificate": certificate,
         "notes": study.notes,
         "recordings_sha256": certificate.recordings_sha256,
@@ -168,9 +169,6 @@ pub fn summary_json(study: &Study, certificate: &Certificate) -> Value {
     }
     super::targets::into_summary(study, &mut value);
     value["validation"]["cross_validated"] = json!(evaluation.cross_validated);
-    if let Some(report) = &evaluation.residual_map {
-        value["residual_map"] = json!(report);
-    }
     if let Some(holdout) = &evaluation.holdout {
         let folds: Vec<Value> = holdout
             .folds

@@ -35,13 +35,6 @@ fn table(out: &mut String, judged: &Judged) {
     }
 }
 
-/// Words as a sentence.
-fn sentence(words: &str) -> String {
-    let mut letters = words.chars();
-    let first = letters.next().into_iter().flat_map(char::to_uppercase);
-    first.chain(letters).chain(['.']).collect()
-}
-
 /// A study in words.
 pub fn summary_text(study: &Study) -> String {
     let mut out = String::new();
@@ -61,30 +54,7 @@ pub fn summary_text(study: &Study) -> String {
         if gain >= 0.0 { "better by" } else { "worse by" },
         gain.abs() * 100.0,
     );
-    // A cross-validation knows no more than where the data are: the headline is then
-    // the error over the workspace.
-    let headline = match v.expected_error_mm {
-        Some(e) if evaluation.cross_validated || judged.is_none() => {
-            let before = v
-                .nominal_error_mm
-                .map_or_else(String::new, |n| format!(", nominally {:.3} mm", n.mean));
-            format!(
-                "expected error over the workspace {:.3} mm in the mean (95 % interval {:.3} to {:.3} mm){before}",
-                e.mean, e.interval[0], e.interval[1]
-            )
-        }
-        _ => format!("{judged_words} on the validation rows"),
-    };
-    let _ = writeln!(
-        out,
-        "{}: {headline}. {}",
-        study.model.robot.name,
-        if v.may_be_used {
-            "The result may be used."
-        } else {
-            "DO NOT USE this result."
-        }
-    );
+    let _ = writeln!(out, "{}", v.headline);
     for reason in &v.reasons {
         let _ = writeln!(out, "  - {reason}");
     }
@@ -108,9 +78,6 @@ pub fn summary_text(study: &Study) -> String {
             holdout.folds.len()
         );
         table(&mut out, &holdout.pooled);
-    }
-    if let Some(report) = &evaluation.residual_map {
-        let _ = writeln!(out, "\n{}", sentence(&report.words));
     }
     let calibration = &evaluation.calibration;
     let id = &calibration.identifiability;
@@ -138,8 +105,8 @@ pub fn summary_text(study: &Study) -> String {
     }
     let _ = writeln!(
         out,
-        "TCP {} mm in the flange frame; predicted error of a position {:.3} mm (1 sigma), at most {:.3} mm",
-        millimetres(&study.model.tcp_in_flange(calibration.tool.tcp_m)),
+        "TCP {} mm in the flange frame (of the files); predicted error of a position {:.3} mm (1 sigma), at most {:.3} mm",
+        millimetres(&study.model.tcp_in_flange(evaluation.geometry.tool.tcp_m)),
         evaluation.predicted_mm.0,
         evaluation.predicted_mm.1
     );

@@ -115,11 +115,9 @@ pub fn reproduce(
     let asked = EvaluateOptions {
         identify: plain.clone(),
         align: false,
-        choose_priors: false,
-        choose_model: false,
         cross_validate: false,
         diagnose: true,
-        residual_map: false,
+        work: None,
         models: MODELS.to_vec(),
         accuracy_mm: None,
         known_laws: None,

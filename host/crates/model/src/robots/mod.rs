@@ -41,7 +41,7 @@ pub use kinematics_yaml::{write_kinematics_yaml, write_offsets_yaml};
 pub use model::{Origin, RobotModel, Tolerances, moved, near, table_frames};
 pub use path::{JointKind, JointPath, PathFrames, PathJoint, Twist};
 pub use urdf_in::load as load_urdf_text;
-pub use urdf_out::write_urdf;
+pub use urdf_out::{write_urdf, write_urdf_with_tcp};
 
 /// Largest URDF, in bytes: one without meshes has some 100 kB.
 const MOST_URDF_BYTES: u64 = 8 << 20;

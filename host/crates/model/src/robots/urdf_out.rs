@@ -111,6 +111,34 @@ pub fn write_urdf(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String]) ->
     out
 }
 
+/// The same with the TCP (m, in the flange's frame) as a link of its own, `<robot>_tcp`, beside the user's.
+pub fn write_urdf_with_tcp(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String], tcp_m: &[f64; 3]) -> String {
+    let mut out = write_urdf(model, rows, notes);
+    let Some(end) = out.rfind("</robot>") else { return out };
+    let name: String = model
+        .robot
+        .name
+        .chars()
+        .map(|c| if c.is_ascii_alphanumeric() { c } else { '_' })
+        .collect();
+    let tip = attribute(&model.frame_names.1);
+    let link = format!("{name}_tcp");
+    let tcp = Pose {
+        position: (*tcp_m).into(),
+        ..Pose::identity()
+    };
+    out.insert_str(
+        end,
+        &format!(
+            "  <!-- the tool centre point that belongs to this geometry -->\n  <link name=\"{link}\"/>\n  \
+             <joint name=\"{tip}-{link}\" type=\"fixed\">\n    {}\n    <parent link=\"{tip}\"/>\n    \
+             <child link=\"{link}\"/>\n  </joint>\n",
+            origin_element(&tcp, [0.0; 3])
+        ),
+    );
+    out
+}
+
 /// A URDF for a robot that came without one.
 fn new_urdf(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String]) -> String {
     let (root, tip) = &model.frame_names;
