@@ -36,6 +36,8 @@ pub struct GeometryOnly {
     pub better: Option<f64>,
 }
 
+/// Least misfit of the projection (m), for a model without effects: far below every prior.
+const LEAST_MISFIT_M: f64 = 1e-6;
 /// Joint noise of the projection (rad): so small that all directions of the error count alike.
 const JOINT_RAD: f64 = 1e-9;
 
@@ -57,26 +59,31 @@ impl GeometryOnly {
             target: Target::Point(calibration.tcp_m(q, None).into()),
             set: Set::Calibrate,
         });
-        let options = Options {
-            method: Method::Geometry,
-            student_t: 0.0,
-            base: Some(Pose::default()),
-            noise: Noise {
-                joint_rad: JOINT_RAD,
-                point_m: FILE_MISFIT_M,
-                estimate: false,
-                ..Noise::default()
-            },
-            parameters: calibration.geometric_priors(),
-            ..Options::default()
-        };
         let experiment = Experiment {
             robot: nominal.robot.clone(),
             tool: nominal.tool,
             spheres: Vec::new(),
             observations: observations.collect(),
         };
-        let found = crate::identify(&experiment, &options)?;
+        let fit = |misfit_m: f64| {
+            let options = Options {
+                method: Method::Geometry,
+                student_t: 0.0,
+                base: Some(Pose::default()),
+                noise: Noise {
+                    joint_rad: JOINT_RAD,
+                    point_m: misfit_m.max(LEAST_MISFIT_M),
+                    estimate: false,
+                    ..Noise::default()
+                },
+                parameters: calibration.geometric_priors(),
+                ..Options::default()
+            };
+            crate::identify(&experiment, &options)
+        };
+        // What a geometry cannot follow is noise to it: first a guess, then what the first fit leaves.
+        let first = fit(FILE_MISFIT_M)?;
+        let found = fit(first.residual.rms_mm * 1e-3 / 3.0_f64.sqrt())?;
         let chain = Chain::unchecked(&found.robot, &found.tool);
         let tcp = |q: &[f64]| chain.pose(q).position;
         let before = Chain::unchecked(&nominal.robot, &nominal.tool);

@@ -21,7 +21,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::dense::Factor;
-use crate::hierarchy::constants::{DRAWS, FEWEST_JUDGES, LARGEST_LEVERAGE, MODEL_ERROR, POSTURES};
+use crate::hierarchy::constants::{AMONG, DRAWS, FEWEST_JUDGES, LARGEST_LEVERAGE, MODEL_ERROR, POSTURES};
 use crate::recordings::{Judge, Recordings};
 use crate::residuals::ResidualRow;
 use crate::targets::{frame_of, reference_of};
@@ -225,6 +225,7 @@ impl Statement {
             unknowns: &unknowns,
             random,
             freedom,
+            rows: Seen::new(rows),
         };
         let own_noise = if closed {
             calibration.noise.seating_m
@@ -377,6 +378,58 @@ struct Maker<'a> {
     random: ChaCha8Rng,
     /// Degrees of freedom that the noise rests on.
     freedom: f64,
+    rows: Seen,
+}
+
+/// Where the rows are in the space of the joints.
+struct Seen {
+    /// Postures in units of the spread of each joint.
+    scaled: Vec<Vec<f64>>,
+    spread: Vec<f64>,
+    /// Squared distance to the nearest other row that [`AMONG`] of the rows keep.
+    near: f64,
+}
+
+impl Seen {
+    fn new(rows: &[MeasuredRow<'_>]) -> Self {
+        let chosen: Vec<&[f64]> = spread(rows).map(|row| row.q).collect();
+        let joints = chosen.first().map_or(0, |q| q.len());
+        let of = |j: usize| {
+            let values = || chosen.iter().map(|q| q[j]);
+            let mean = values().sum::<f64>() / chosen.len().max(1) as f64;
+            let variance = values().map(|q| (q - mean).powi(2)).sum::<f64>() / chosen.len().max(1) as f64;
+            variance.sqrt().max(1e-2)
+        };
+        let spread: Vec<f64> = (0..joints).map(of).collect();
+        let scaled: Vec<Vec<f64>> = chosen.iter().map(|q| scale(q, &spread)).collect();
+        let own = |k: usize| {
+            let others = scaled.iter().enumerate().filter(|(other, _)| *other != k);
+            others.map(|(_, q)| square(q, &scaled[k])).fold(f64::INFINITY, f64::min)
+        };
+        let mut nearest: Vec<f64> = (0..scaled.len()).map(own).collect();
+        Self {
+            near: quantile(&mut nearest, AMONG),
+            scaled,
+            spread,
+        }
+    }
+
+    /// Share of postures that are far from the rows.
+    fn far(&self, postures: &[Posture]) -> f64 {
+        let is_far = |p: &&Posture| {
+            let own = scale(&p.q, &self.spread);
+            p.factor.is_none() && self.scaled.iter().all(|q| square(q, &own) > self.near)
+        };
+        postures.iter().filter(is_far).count() as f64 / postures.len().max(1) as f64
+    }
+}
+
+fn scale(q: &[f64], by: &[f64]) -> Vec<f64> {
+    q.iter().zip(by).map(|(q, s)| q / s).collect()
+}
+
+fn square(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum()
 }
 
 impl Maker<'_> {
@@ -396,12 +449,21 @@ impl Maker<'_> {
         let posture = |(k, (row, (a, joints))): (usize, (&&MeasuredRow<'_>, &(DMatrix<f64>, Vec<Vector3<f64>>)))| {
             let g = a * spread.rows(3 * k, 3).transpose();
             let g = Matrix3::from_fn(|r, c| g[(r, c)]);
-            Some(Posture {
-                factor: Some(left_out(self.calibration, &g, joints, row)?),
+            let (factor, alone) = left_out(self.calibration, &g, joints, row)?;
+            let posture = Posture {
+                factor: Some(factor),
                 ..Posture::of(row)
-            })
+            };
+            Some((posture, alone))
         };
-        rows.iter().zip(&own).enumerate().filter_map(posture).collect()
+        let all: Vec<(Posture, bool)> = rows.iter().zip(&own).enumerate().filter_map(posture).collect();
+        let told = all.iter().filter(|(_, alone)| !alone).count();
+        // Of few rows each determines something: then all count, as uncertain as the limit makes them.
+        let few = 2 * told < all.len();
+        all.into_iter()
+            .filter(|(_, alone)| few || !alone)
+            .map(|(posture, _)| posture)
+            .collect()
     }
 
     /// The region of rows that are measured, with the noise of the instrument. A row in a frame that the fit does not have
@@ -491,8 +553,11 @@ impl Maker<'_> {
             }
         }
         taken.of_draws(&mut draws);
+        let [(mean, sigma), (far_mean, far_sigma)] = MODEL_ERROR;
+        let far = self.rows.far(postures);
+        let (mean, sigma) = (mean + far * (far_mean - mean), sigma + far * (far_sigma - sigma));
         for mut column in draws.column_iter_mut() {
-            column *= (MODEL_ERROR.0 + MODEL_ERROR.1 * normal(&mut self.random)).exp();
+            column *= (mean + sigma * normal(&mut self.random)).exp();
         }
         taken.of_draws(&mut columns);
         Region {
@@ -543,13 +608,13 @@ fn normal(random: &mut ChaCha8Rng) -> f64 {
 }
 
 /// What turns the uncertainty of a row's prediction into that without the row itself: `L (I − h)^(−1/2) L⁻¹`; `g` is the
-/// uncertainty with it, `A P Aᵀ`. `None` where the row alone determines an unknown.
+/// uncertainty with it, `A P Aᵀ`. And whether the row alone determines an unknown.
 fn left_out(
     calibration: &Calibration,
     g: &Matrix3<f64>,
     joints: &[Vector3<f64>],
     row: &MeasuredRow<'_>,
-) -> Option<Matrix3<f64>> {
+) -> Option<(Matrix3<f64>, bool)> {
     let noise = calibration.noise;
     let own = if row.sphere.is_some() {
         noise.seating_m
@@ -563,11 +628,12 @@ fn left_out(
     let l = (c / row.weight.max(1e-6)).cholesky()?.l();
     let inverse = l.try_inverse()?;
     let eigen = SymmetricEigen::new(inverse * g * inverse.transpose());
-    if eigen.eigenvalues.max() > LARGEST_LEVERAGE {
-        return None;
-    }
-    let root = eigen.eigenvalues.map(|h| (1.0 - h.max(0.0)).powf(-0.5));
-    Some(l * eigen.eigenvectors * Matrix3::from_diagonal(&root) * eigen.eigenvectors.transpose() * inverse)
+    let alone = eigen.eigenvalues.max() > LARGEST_LEVERAGE;
+    let root = eigen
+        .eigenvalues
+        .map(|h| (1.0 - h.clamp(0.0, LARGEST_LEVERAGE)).powf(-0.5));
+    let factor = l * eigen.eigenvectors * Matrix3::from_diagonal(&root) * eigen.eigenvectors.transpose() * inverse;
+    Some((factor, alone))
 }
 
 /// A root of a covariance.

@@ -7,16 +7,16 @@ use super::align::{NominalFrames, align};
 use super::thin::only;
 use super::{EvaluateError, EvaluateOptions};
 use crate::causes::{self, Causes, Course};
-use crate::{Calibration, Experiment, Method, Model, Options, Override, calibration, hierarchy, identify};
+use crate::hierarchy::constants::ROWS_PER_SEAT;
+use crate::{Calibration, Experiment, Method, Model, Options, Override, Target, calibration, hierarchy, identify};
 
 /// A tool further than this (m) from what was said is taken from the data.
 const TOOL_FAR_M: f64 = 0.005;
 /// Prior (m, 1 sigma) of a tool that was taken from the data.
 const FOUND_TOOL_SIGMA_M: f64 = 0.005;
-/// Prior (m and rad, 1 sigma) of frames after alignment: wide for what is left to
-/// find, finite for what the data leave open (two spheres leave the turn about
-/// their line).
-const BASE_SIGMA: f64 = 0.05;
+/// Prior (m and rad, 1 sigma) of frames after alignment: wide, because few rows of a place align it badly; finite for
+/// what the data leave open (two spheres leave the turn about their line).
+const BASE_SIGMA: f64 = 0.5;
 /// A fit of some of the rows.
 pub(super) struct ChosenFit {
     /// Options with all that was chosen from the data.
@@ -85,6 +85,9 @@ pub(super) fn fit(
             ..Override::default()
         });
     }
+    if let Some(course) = course {
+        seated(&mut own, &course.of_rows(&used));
+    }
     let (calibration, causes) = match (options.method, course) {
         (Method::Full | Method::Geometry, Some(course)) => {
             let model = match options.method {
@@ -107,4 +110,19 @@ pub(super) fn fit(
         calibration,
         causes,
     })
+}
+
+/// Gives every coupling a seat of its own, where there are rows enough to tell it.
+fn seated(experiment: &mut Cow<'_, Experiment>, course: &Course) {
+    let couplings = course.couplings();
+    let contacts = experiment
+        .observations
+        .iter()
+        .filter(|o| matches!(o.target, Target::Sphere { .. }));
+    if couplings < 2 || contacts.count() < ROWS_PER_SEAT * couplings {
+        return;
+    }
+    for (observation, coupling) in experiment.to_mut().observations.iter_mut().zip(&course.coupling) {
+        observation.seat = u32::try_from(coupling + 1).ok();
+    }
 }

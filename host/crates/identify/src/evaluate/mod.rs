@@ -43,9 +43,10 @@ pub use reference::{Estimator, InstrumentView, ReferenceModel, model_title};
 
 use crate::recordings::Recordings;
 use crate::verdict::{Evidence, verdict};
+use nalgebra::Vector3;
 
 use crate::causes::Course;
-use crate::hierarchy::constants::POSTURES;
+use crate::hierarchy::constants::{HOPELESS, POSTURES};
 use crate::statement::{Statement, judging_rows, measured_rows};
 use crate::{GeometryOnly, IdentifyError, Method};
 use evaluation::predicted;
@@ -53,8 +54,6 @@ use fit::{ChosenFit, fit};
 
 /// Most rows that are left out and have a note each.
 const NOTED: usize = 20;
-/// Median distance (m) after alignment beyond which these are not data of this robot.
-const HOPELESS_M: f64 = 0.025;
 /// Median turn (rad) of the measured orientation against the flange beyond which it is not the tool's.
 const HOPELESS_RAD: f64 = 0.2;
 /// Distances of the plate that differ by more than this (m) from the data's explain such data.
@@ -318,10 +317,30 @@ fn judged_aside(
     (own, elsewhere)
 }
 
-/// Refuses data that no calibration of this robot can explain, with what is
+/// Middle of some values.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or_default()
+}
+
+/// Refuses data that no calibration of this robot explains, by what its fit leaves, with what is
 /// probably wrong.
 fn plausible(recordings: &Recordings, fit: &ChosenFit) -> Result<(), EvaluateError> {
-    if fit.nominal.median_m <= HOPELESS_M {
+    let left: Vec<f64> = fit
+        .calibration
+        .residual
+        .rows
+        .iter()
+        .map(|row| Vector3::from(row.error_mm).norm() * 1e-3)
+        .collect();
+    let median = median(left);
+    let arm = &recordings.experiment.robot;
+    let reach: f64 = arm
+        .joints
+        .iter()
+        .map(|joint| joint.mdh.a.abs() + joint.mdh.d.abs())
+        .sum();
+    if median <= HOPELESS * reach {
         return match fit.nominal.median_turn_rad {
             Some(turn) if turn > HOPELESS_RAD => Err(EvaluateError::NotThisOrientation {
                 median_deg: turn.to_degrees(),
@@ -332,13 +351,13 @@ fn plausible(recordings: &Recordings, fit: &ChosenFit) -> Result<(), EvaluateErr
     let (field, remedy) = match plate::contradiction(&recordings.experiment, WRONG_PLATE_M) {
         Some(words) => ("the plate", words),
         None => (
-            "median distance of the robot's TCP from its targets",
+            "median distance of the calibrated robot's TCP from its targets",
             "these are not data of this robot: check robot, joint order, signs, zero offsets and units".to_owned(),
         ),
     };
     Err(EvaluateError::NotThisRobot {
         field,
-        median_mm: fit.nominal.median_m * 1e3,
+        median_mm: median * 1e3,
         remedy,
     })
 }

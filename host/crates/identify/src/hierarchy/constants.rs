@@ -12,7 +12,7 @@ use super::sizes::Family;
 /// * Eccentricity and ripple: hardly differ between makers. With a factor of 5 the first orders of a real UR10 grew to 7 mrad
 ///   where a joint moved little, and another series was predicted to 1.7 in place of 0.31 mm. With 1.5 and the ripple it
 ///   is predicted to 0.23 mm.
-/// * Seats: kinematic couplings repeat to 0.1 to 3 um, printed sockets to 50 um, 5.
+/// * Seats: kinematic couplings repeat to 0.1 to 3 um, printed sockets that are set by hand to 50 um, 10.
 ///
 /// Doubled, a group follows few data further; only that of the eccentricity changes predictions by more than 5 %.
 const FACTORS: [(fn(Family) -> bool, f64); 5] = [
@@ -20,7 +20,7 @@ const FACTORS: [(fn(Family) -> bool, f64); 5] = [
     (|g| matches!(g, Family::Offsets | Family::Tool | Family::Scale), 10.0),
     (|g| matches!(g, Family::Compliance), 5.0),
     (|g| matches!(g, Family::Eccentricity(_) | Family::Ripple(_)), 1.5),
-    (|g| matches!(g, Family::Seats), 5.0),
+    (|g| matches!(g, Family::Seats), 10.0),
 ];
 
 /// Orders of the eccentricity: beyond, what a gear does is ripple. Doubled, nothing moves.
@@ -30,11 +30,20 @@ pub(crate) const ECCENTRIC_ORDERS: usize = 4;
 /// Doubled, nothing moves: many orders find their size.
 const HARMONICS: (f64, f64) = (1e-4, 2e-5);
 
+/// Ordinary seat of a coupling about the others (m, each axis): kinematic couplings repeat to 0.1 to 3 µm. Doubled, nothing
+/// moves: couplings find their size.
+const SEAT_M: f64 = 3e-6;
+/// Degrees of freedom of the seats: few sit badly, and those far off. Doubled, a seat of 1 mm counts four times as much.
+pub(crate) const SEATS_NU: f64 = 3.0;
+/// Fewest rows of a coupling on average from which its seat is estimated. Doubled, a table of short visits has none.
+pub(crate) const ROWS_PER_SEAT: usize = 6;
+
 /// Ordinary size of a group, where `table` is the prior of the table of parameters.
 pub(crate) fn ordinary_of(family: Family, table: f64) -> f64 {
     match family {
         Family::Eccentricity(_) => HARMONICS.0,
         Family::Ripple(_) => HARMONICS.1,
+        Family::Seats => SEAT_M,
         _ => table,
     }
 }
@@ -76,12 +85,18 @@ pub(crate) const POSTURES: usize = 200;
 pub(crate) const LARGEST_LEVERAGE: f64 = 0.9;
 /// Fewest rows that were measured apart whose postures are a region.
 pub(crate) const FEWEST_JUDGES: usize = 5;
-/// What errors outside of the model add to a stated error: mean and standard deviation of its logarithm. Found on splits of
-/// five real data sets (docs/real-data.md). Doubled, the interval is a quarter wider.
-pub(crate) const MODEL_ERROR: (f64, f64) = (0.06, 0.12);
-/// What the geometry of a file is not expected to follow of the full model, 1 sigma each axis (m): gear and encoder
-/// errors of 1e-4 rad at a metre, and some of the deflection. Doubled, the geometry stays nearer to nominal where the postures
-/// tell little.
+/// What errors outside of the model add to a stated error: mean and standard deviation of its logarithm, among the rows'
+/// postures and far from them. Found on splits of five real data sets by rows and by regions (docs/real-data.md). Doubled,
+/// an interval is a quarter wider.
+pub(crate) const MODEL_ERROR: [(f64, f64); 2] = [(0.06, 0.12), (0.2, 0.3)];
+/// Share of the rows that count as among the others: a posture whose nearest row is farther than that of so many rows is far
+/// from them. Doubling what is left (0.05) changes no interval by more than a tenth.
+pub(crate) const AMONG: f64 = 0.95;
+/// First guess of what the geometry of a file cannot follow of the full model, 1 sigma each axis (m): gear and encoder
+/// errors of 1e-4 rad at a metre, and some of the deflection. A second fit takes what the first leaves. Doubled, nothing moves.
 pub(crate) const FILE_MISFIT_M: f64 = 3e-4;
 /// Probability from which a result may be used. The convention of a 95 % interval.
 pub(crate) const SURE: f64 = 0.95;
+/// Median residual of a fit, as a share of the arm's length, beyond which the rows are not those of this robot: 10 mm of an arm
+/// of 1 m. Printed arms leave a fifth of it; a wrong order of the joints leaves a tenth of the arm. Doubled, nothing moves.
+pub(crate) const HOPELESS: f64 = 0.01;

@@ -10,7 +10,7 @@
 
 use nalgebra::DMatrix;
 
-use super::constants::{ECCENTRIC_ORDERS, ordinary_of, spread_of};
+use super::constants::{ECCENTRIC_ORDERS, SEATS_NU, ordinary_of, spread_of};
 use crate::parameters::{Kind, Parameter};
 use crate::solve::Unknowns;
 
@@ -73,6 +73,15 @@ pub(crate) struct Size {
     spread: f64,
     /// The present size.
     pub(crate) size: f64,
+    /// Weights of seats, by three members, of Student's t: a coupling that sat badly does not make the others uncertain.
+    weights: Vec<f64>,
+}
+
+impl Size {
+    /// Weight of a member's prior.
+    fn weight(&self, member: usize) -> f64 {
+        self.weights.get(member / 3).copied().unwrap_or(1.0)
+    }
 }
 
 /// Sizes of all groups of a model.
@@ -101,6 +110,7 @@ impl Sizes {
                         ordinary,
                         spread: spread_of(family),
                         size: ordinary,
+                        weights: Vec::new(),
                     });
                 }
             }
@@ -111,8 +121,8 @@ impl Sizes {
     /// Writes the priors that follow from the sizes.
     pub(crate) fn apply(&self, unknowns: &mut Unknowns) {
         for size in &self.0 {
-            for &(at, factor) in &size.members {
-                unknowns.precision[at] = (size.size * factor).powi(-2);
+            for (k, &(at, factor)) in size.members.iter().enumerate() {
+                unknowns.precision[at] = size.weight(k) * (size.size * factor).powi(-2);
             }
         }
     }
@@ -124,7 +134,17 @@ impl Sizes {
             let square = |&(at, factor): &(usize, f64)| {
                 (unknowns.deviation[at].powi(2) + covariance[(at, at)]) / (factor * factor)
             };
-            let sum: f64 = size.members.iter().map(square).sum();
+            let squares: Vec<f64> = size.members.iter().map(square).collect();
+            if size.family == Family::Seats {
+                let of_seat =
+                    |seat: &[f64]| (SEATS_NU + 3.0) / (SEATS_NU + seat.iter().sum::<f64>() / size.size.powi(2));
+                size.weights = squares.chunks(3).map(of_seat).collect();
+            }
+            let sum: f64 = squares
+                .iter()
+                .enumerate()
+                .map(|(k, square)| size.weight(k) * square)
+                .sum();
             let next = penalised(
                 sum,
                 size.members.len() as f64,

@@ -70,16 +70,19 @@ fn against_nominal(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
         let enough = gain >= SMALL_GAIN;
         checks.push(Check::new("gain", Some(gain), Some(SMALL_GAIN), enough, words).qualifying());
         let limit = if evidence.table.is_some() { 1.0 } else { WORST_ROW } * nominal.1;
-        checks.push(Check::new(
-            "largest_error",
-            Some(calibrated.1),
-            Some(limit),
-            calibrated.1 <= limit,
-            format!(
-                "the worst sample is {:.3} mm off {by}, {:.3} mm nominally",
-                calibrated.1, nominal.1
-            ),
-        ));
+        checks.push(
+            Check::new(
+                "largest_error",
+                Some(calibrated.1),
+                Some(limit),
+                calibrated.1 <= limit,
+                format!(
+                    "the worst sample is {:.3} mm off {by}, {:.3} mm nominally",
+                    calibrated.1, nominal.1
+                ),
+            )
+            .qualifying(),
+        );
     }
     let independent = evidence.table.is_some() || !evidence.cross_validated;
     checks.push(
@@ -159,9 +162,8 @@ fn parameters(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
             )
         },
     );
-    // An independent judge speaks for a result of few rows.
-    let judged = evidence.table.is_some() || (evidence.judged.is_some() && !evidence.cross_validated);
-    checks.push(if judged { check.qualifying() } else { check });
+    // What few rows leave open is in the stated error.
+    checks.push(check.qualifying());
 }
 
 /// Chance of at least `bad` outliers in rows with normal noise: logarithm to the base 10.
@@ -227,17 +229,20 @@ fn rows(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
             outliers(evidence)
         )
     };
-    checks.push(Check::new(
-        "outliers",
-        Some(share),
-        Some(MOST_OUTLIERS),
-        share <= MOST_OUTLIERS,
-        if share <= MOST_OUTLIERS {
-            words.clone()
-        } else {
-            format!("{words}: find out why")
-        },
-    ));
+    checks.push(
+        Check::new(
+            "outliers",
+            Some(share),
+            Some(MOST_OUTLIERS),
+            share <= MOST_OUTLIERS,
+            if share <= MOST_OUTLIERS {
+                words.clone()
+            } else {
+                format!("{words}: find out why")
+            },
+        )
+        .qualifying(),
+    );
     if bad > 0 && share <= MOST_OUTLIERS {
         checks.push(Check::new("no_outliers", Some(bad as f64), Some(0.0), false, words).qualifying());
     }

@@ -1,4 +1,5 @@
 //! Estimators on arms that the tests draw: causes, several targets.
 
-mod diagnosis;
+mod causes;
 mod targets;
+mod zeros;

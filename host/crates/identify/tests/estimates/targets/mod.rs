@@ -70,7 +70,8 @@ fn one_target_is_a_point_to_the_last_bit() {
             .parameters
             .iter()
             .flat_map(|p| [p.estimate.to_bits(), p.sigma.to_bits()]);
-        own.chain([c.log_evidence.to_bits(), c.noise_scale.to_bits()]).collect()
+        own.chain([c.log_evidence.to_bits(), c.noise.joint_rad.to_bits()])
+            .collect()
     };
     assert_eq!(bits(&several), bits(&point));
     assert!(several.targets.is_empty() && point.targets.is_empty());
