@@ -314,8 +314,8 @@ mod tests {
     fn a_preset_keeps_what_the_configuration_says() {
         let read = |text: &str| Config::parse("cell.toml", text).expect("a configuration");
         let own = read("[plant]\npreset = \"harsh\"\n[plant.friction]\ncoulomb_nm = [1.5, 1.5]\n");
-        let plant = on_preset(own, "typical").expect("both").plant().expect("a plant");
-        let typical = Config::default().on_preset("typical").plant().expect("a plant");
+        let plant = simulated::plant(&on_preset(own, "typical").expect("both")).expect("a plant");
+        let typical = simulated::plant(&Config::default().on_preset("typical")).expect("a plant");
         assert_eq!(plant.friction.coulomb_nm, [1.5, 1.5]);
         assert_ne!(typical.friction.coulomb_nm, [1.5, 1.5]);
         assert_eq!(plant.elasticity, typical.elasticity);

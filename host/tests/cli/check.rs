@@ -4,7 +4,7 @@ use std::net::UdpSocket;
 use std::path::Path;
 
 use serde_json::Value;
-use spherecal::identify::diagnosis::workspace;
+use spherecal::identify::workspace;
 use spherecal::model::robots::RobotModel;
 use spherecal::model::robots::toml_file::write as write_toml;
 

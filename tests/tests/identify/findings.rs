@@ -1,4 +1,4 @@
-//! A study of what the residual analysis names: six causes, each made in the data of several drawn
+//! A study of what the residual analysis names: five causes, each made in the data of several drawn
 //! robots, and the same robots without any. It prints the rates that `docs/theory.md` states.
 //!
 //! `FINDINGS_SEEDS=4000:20` names the first seed and the number of robots.
@@ -8,7 +8,6 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use spherecal::identify::{EvaluateOptions, Experiment, Recordings, Target, Verdict, evaluate};
-use spherecal::model::Chain;
 use spherecal::model::input::Labels;
 use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::worlds::World;
@@ -16,15 +15,14 @@ use spherecal_lab::worlds::{Trial, record_plant};
 
 use super::verdicts::{default_plan, move_contacts};
 
-/// Checks that say the six findings.
-const NAMES: [&str; 8] = [
+/// Checks that say the findings.
+const NAMES: [&str; 7] = [
     "place",
     "place_scatter",
     "read_at_rest",
     "plate_drift",
     "encoder",
     "payload",
-    "tool_orientation",
     "no_outliers",
 ];
 
@@ -44,8 +42,6 @@ enum Made {
     Drift(f64),
     /// The stated load is lighter than the true one by this (kg).
     Payload(f64),
-    /// The target is displaced along the tool by this (m) times a direction cosine of it.
-    Orientation(f64),
     /// This many rows are 3 to 6 mm off.
     Gross(usize),
 }
@@ -55,11 +51,6 @@ enum Made {
 enum Kind {
     Contacts,
     Points,
-}
-
-/// Direction cosine by which a target is displaced, of the tool's axis in F0.
-fn cosine(z: &Vector3<f64>) -> f64 {
-    z.dot(&Vector3::new(0.6, -0.64, 0.48))
 }
 
 /// Moves each target as the arm sees it: joints on spheres, points in the tracker's frame.
@@ -117,7 +108,6 @@ fn record(world: World, kind: Kind, made: Made, seed: u64) -> Recordings {
     let joint = random.random_range(1..6);
     let count = rows(&mut trial, kind).observations.len();
     let place = |k: usize| 4 * k / count;
-    let chain = Chain::unchecked(&trial.spheres.robot, &trial.spheres.tool);
     match made {
         Made::Nothing => {}
         Made::Place(size) => displace(&mut trial, kind, |k, _| {
@@ -134,11 +124,6 @@ fn record(world: World, kind: Kind, made: Made, seed: u64) -> Recordings {
             let tool = &mut rows(&mut trial, kind).tool;
             tool.body.mass_kg = (tool.body.mass_kg - kg).max(0.0);
         }
-        Made::Orientation(size) => displace(&mut trial, kind, |_, q| {
-            let frames = chain.frames(q);
-            let z = frames.last().map_or_else(Vector3::z, spherecal_shared::robot::Pose::z);
-            z * (size * cosine(&z))
-        }),
         Made::Gross(bad) => {
             let step = count / bad;
             displace(&mut trial, kind, |k, _| {
@@ -173,9 +158,6 @@ fn judged(world: World, kind: Kind, made: Made, seed: u64) -> Verdict {
     let options = EvaluateOptions {
         align: false,
         cross_validate: false,
-        // The choices from the data take most of the time.
-        choose_priors: false,
-        choose_model: false,
         ..EvaluateOptions::default()
     };
     let evaluation = evaluate(&record(world, kind, made, seed), &options, &mut |_| {}).expect("readable data");
@@ -217,7 +199,7 @@ fn found(world: World, kind: Kind, made: Made, seeds: std::ops::Range<u64>) -> [
 }
 
 /// What is made, in which data, and the check that must name it.
-const CASES: [(Kind, Made, &str); 12] = [
+const CASES: [(Kind, Made, &str); 10] = [
     (Kind::Points, Made::Place(1e-3), "place"),
     (Kind::Points, Made::Scatter(1e-3), "place_scatter"),
     (Kind::Contacts, Made::Lag(5e-4), "read_at_rest"),
@@ -227,8 +209,6 @@ const CASES: [(Kind, Made, &str); 12] = [
     (Kind::Contacts, Made::Drift(5e-4), "plate_drift"),
     (Kind::Contacts, Made::Payload(1.5), "payload"),
     (Kind::Points, Made::Payload(1.5), "payload"),
-    (Kind::Contacts, Made::Orientation(2e-4), "tool_orientation"),
-    (Kind::Points, Made::Orientation(2e-4), "tool_orientation"),
     (Kind::Contacts, Made::Gross(5), "no_outliers"),
 ];
 

@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use spherecal::identify::{EvaluateOptions, Recordings, evaluate, fit_pose};
+use spherecal::identify::{EvaluateOptions, Recordings, evaluate, fit_pose, workspace};
 use spherecal::model::Chain;
 use spherecal::plan::{Cell, DesignRequest, design};
 use spherecal::sim::plant::{PlantConfig, StillArm};
@@ -45,21 +45,22 @@ fn stated_and_true(world: World, plant: PlantConfig, poses: &[ContactPose]) -> [
     let options = EvaluateOptions {
         align: false,
         cross_validate: false,
+        work: Some(workspace(&iiwa7(), &iiwa7_tool())),
         ..EvaluateOptions::default()
     };
     let evaluation = evaluate(&recordings, &options, &mut |_| {}).expect("readable data");
-    let alone = evaluation.calibration.geometry_only().expect("a table");
+    let alone = &evaluation.geometry;
     let (robot, tool) = (iiwa7(), iiwa7_tool());
     let chains = [
         Chain::unchecked(&alone.robot, &alone.tool),
         Chain::unchecked(&robot, &tool),
     ];
-    let diagnosis = evaluation.diagnosis.expect("a diagnosis");
+    let statement = evaluation.statement.as_ref().expect("a posterior");
     let mut arm = StillArm::new(&trial.truth, &plant);
     let rests: Vec<_> = configurations(plant.seed).iter().map(|q| arm.go_to(q)).collect();
     let real: Vec<Vector3<f64>> = rests.iter().map(|rest| rest.tcp.position).collect();
     chains.map(|chain| {
-        let stated = diagnosis.expected_error_of(|q| chain.pose(q).position).mean;
+        let stated = statement.expected_error_of(|q| chain.pose(q).position).mean;
         let own: Vec<Vector3<f64>> = rests.iter().map(|rest| chain.pose(&rest.q).position).collect();
         let base = fit_pose(&own, &real).expect("spread points");
         let sum: f64 = own.iter().zip(&real).map(|(a, b)| (base.point(a) - b).norm()).sum();

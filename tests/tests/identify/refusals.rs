@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use spherecal::identify::{
-    DataError, Experiment, IdentifyError, Method, Model, Options, Override, Pose, Set, Split, Target, choose_model,
+    DataError, Experiment, IdentifyError, Method, Model, Options, Override, Pose, Set, Split, Target,
     holdout, identify,
 };
 use spherecal_tests::worlds::World;
@@ -147,7 +147,7 @@ fn sparse_data_are_served() {
                 },
             )
             .expect("few data");
-            assert!(c.residual.rms_mm.is_finite() && c.noise_scale.is_finite());
+            assert!(c.residual.rms_mm.is_finite() && c.noise.joint_rad.is_finite());
             let p = c.tcp_covariance(&[0.1; 7]);
             assert!(p.symmetric_eigenvalues().min() > 0.0);
         }
@@ -216,27 +216,4 @@ fn a_sphere_that_was_never_touched_is_judged_by_its_scatter() {
     let found = holdout(&few(30), &Options::default(), &Split::Sphere).expect("good data");
     assert!(found.error_mm.is_none(), "{found:?}");
     assert!(found.figure_mm().is_some_and(|mm| mm > 0.0 && mm < 2.0), "{found:?}");
-}
-
-/// Fails if a model that fits better and predicts worse is kept, or if the default
-/// one is refused on data that it serves.
-#[test]
-fn a_model_that_overfits_is_refused() {
-    for name in ["world_W1_seed0", "world_W1_seed1", "world_W4_seed0", "world_W4_seed1"] {
-        let e = World::load(name).spheres();
-        let (model, refusal) = choose_model(&e, &Options::default()).expect("good data");
-        assert!(model == Model::Full && refusal.is_none(), "{name}: {refusal:?}");
-    }
-    let mut options = Options::default();
-    for (group, prior_sigma) in [("harmonic", 0.05), ("compliance", 1e-3), ("bending", 1e-3)] {
-        let set = Override {
-            prior_sigma: Some(prior_sigma),
-            ..Override::default()
-        };
-        options.parameters.0.insert(group.to_owned(), set);
-    }
-    let (model, refusal) = choose_model(&few(60), &options).expect("good data");
-    let refusal = refusal.expect("such priors let the model say anything");
-    println!("{refusal}");
-    assert!(model != Model::Full && refusal.better_mm < refusal.held_out_mm);
 }
