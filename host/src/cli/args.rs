@@ -8,7 +8,7 @@ use clap::Args;
 use clap::builder::TypedValueParser;
 
 use super::progress::Planning;
-use crate::simulated::{self, SimulatedCell};
+use crate::simulated::{self, SimulatedCell, SimulationError};
 use spherecal_job::{self as job, Config, ConfigError, JobError, Link, PreparedRun, Simulator, TaughtWaypoints};
 use spherecal_services::GuardFiles;
 use spherecal_store::{Peer, StoreLocation, UnknownScheme};
@@ -126,16 +126,14 @@ pub(super) fn base(file: Option<&Path>, seed: Option<u64>) -> Result<Config, Job
 /// # Errors
 /// An unknown preset, or one that leaves the arm as it is, because `[plant]` states every field.
 pub(super) fn on_preset(config: Config, preset: &str) -> Result<Config, JobError> {
-    let before = config.plant()?;
+    let before = simulated::plant(&config)?;
     let named = config.plant.get("preset").and_then(|name| name.as_str()) == Some(preset);
     let config = config.on_preset(preset);
-    if !named && config.plant()? == before {
-        return Err(ConfigError::PlantSection {
-            message: format!(
-                "--preset {preset} changes nothing: [plant] of the configuration states every field; leave --preset out, or \
-                 remove the fields that the preset shall set"
-            ),
-        }
+    if !named && simulated::plant(&config)? == before {
+        return Err(SimulationError::Section(format!(
+            "--preset {preset} changes nothing: [plant] of the configuration states every field; leave --preset out, or remove \
+             the fields that the preset shall set"
+        ))
         .into());
     }
     Ok(config)
@@ -316,12 +314,13 @@ mod tests {
     fn a_preset_keeps_what_the_configuration_says() {
         let read = |text: &str| Config::parse("cell.toml", text).expect("a configuration");
         let own = read("[plant]\npreset = \"harsh\"\n[plant.friction]\ncoulomb_nm = [1.5, 1.5]\n");
-        let plant = on_preset(own, "typical").expect("both").plant().expect("a plant");
-        let typical = Config::default().on_preset("typical").plant().expect("a plant");
+        let plant = |config: &Config| simulated::plant(config).expect("a plant");
+        let typical = plant(&Config::default().on_preset("typical"));
+        let plant = plant(&on_preset(own, "typical").expect("both"));
         assert_eq!(plant.friction.coulomb_nm, [1.5, 1.5]);
         assert_ne!(typical.friction.coulomb_nm, [1.5, 1.5]);
         assert_eq!(plant.elasticity, typical.elasticity);
-        let whole = Config::default().to_documented_toml().expect("a text");
+        let whole = crate::cli::document::documented(&Config::default()).expect("a text");
         let refused = on_preset(read(&whole), "typical")
             .expect_err("it states everything")
             .to_string();
