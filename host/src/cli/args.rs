@@ -130,11 +130,11 @@ pub(super) fn on_preset(config: Config, preset: &str) -> Result<Config, JobError
     let named = config.plant.get("preset").and_then(|name| name.as_str()) == Some(preset);
     let config = config.on_preset(preset);
     if !named && simulated::plant(&config)? == before {
-        let words = format!(
+        return Err(SimulationError::Section(format!(
             "--preset {preset} changes nothing: [plant] of the configuration states every field; leave --preset out, or remove \
              the fields that the preset shall set"
-        );
-        return Err(SimulationError::Section(words).into());
+        ))
+        .into());
     }
     Ok(config)
 }
@@ -314,12 +314,13 @@ mod tests {
     fn a_preset_keeps_what_the_configuration_says() {
         let read = |text: &str| Config::parse("cell.toml", text).expect("a configuration");
         let own = read("[plant]\npreset = \"harsh\"\n[plant.friction]\ncoulomb_nm = [1.5, 1.5]\n");
-        let plant = simulated::plant(&on_preset(own, "typical").expect("both")).expect("a plant");
-        let typical = simulated::plant(&Config::default().on_preset("typical")).expect("a plant");
+        let plant = |config: &Config| simulated::plant(config).expect("a plant");
+        let typical = plant(&Config::default().on_preset("typical"));
+        let plant = plant(&on_preset(own, "typical").expect("both"));
         assert_eq!(plant.friction.coulomb_nm, [1.5, 1.5]);
         assert_ne!(typical.friction.coulomb_nm, [1.5, 1.5]);
         assert_eq!(plant.elasticity, typical.elasticity);
-        let whole = Config::default().to_documented_toml().expect("a text");
+        let whole = crate::cli::document::documented(&Config::default()).expect("a text");
         let refused = on_preset(read(&whole), "typical")
             .expect_err("it states everything")
             .to_string();

@@ -13,6 +13,7 @@ use super::recovery::policy;
 use super::retry::{CouplingEnd, DescentEnd, Waypoints};
 use super::seats::Seats;
 use super::session::{Session, Waited};
+use super::words::describe;
 use super::{Assignment, CampaignError};
 use spherecal_link::Device;
 use spherecal_link::Journal;
@@ -161,10 +162,12 @@ impl<'a> Campaign<'a> {
                 return Ok(());
             }
             campaign.begin(session)?;
-            if campaign.assignment.options.look_first {
-                campaign.free_the_nest(session)?;
+            let goes_on = !campaign.done.is_empty() || !campaign.assignment.seated.is_empty();
+            if goes_on {
+                campaign.free_the_nest(session)
+            } else {
+                Ok(())
             }
-            Ok(())
         })?;
         // Whether the arm is away from home, and the visit that it has just left as planned.
         let (mut away, mut left) = (false, None);
@@ -256,8 +259,9 @@ impl<'a> Campaign<'a> {
                 approach = self.waypoints.retry(visit, missed, &last);
             }
             session.note(&format!(
-                "sphere {}: {:?} while {:?}; recovering",
-                visit.sphere_id, report.fault, report.phase
+                "sphere {}: {}; recovering",
+                visit.sphere_id,
+                describe(&report)
             ));
             if let Some(pose) = pose
                 && policy(report.fault).blames_pose
