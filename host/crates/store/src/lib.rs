@@ -34,6 +34,7 @@ mod location;
 mod lock;
 mod log;
 mod open;
+mod past;
 mod peer;
 mod read;
 mod recover;
@@ -52,7 +53,7 @@ use sqlx::AnyConnection;
 use tokio::runtime::Runtime;
 
 pub use calibration_store::{CalibrationStore, StoredRun};
-pub use error::StoreError;
+pub use error::{Damage, StoreError};
 pub use events::Placed;
 pub use location::{StoreLocation, UnknownScheme};
 pub use lock::Claim;
@@ -60,7 +61,6 @@ pub use open::SCHEMA_VERSION;
 pub use peer::Peer;
 pub use recover::{Recovered, recover};
 pub use runs::RunInfo;
-pub use seal::Damage;
 pub use write::SessionEnd;
 
 use spherecal_model::Sphere;
