@@ -85,7 +85,7 @@ impl SqlStore {
                 what: source.to_string(),
             });
         }
-        super::open::sync_folder(&path);
+        super::file::sync_folder(&path);
         self.stated = true;
         Ok(())
     }
