@@ -1,16 +1,11 @@
 //! Opens databases. Foreign, newer and damaged files are refused before anything is written. Older
 //! files are migrated.
 
-use std::io::Read as _;
 use std::path::Path;
-use std::sync::LazyLock;
-use std::time::Duration;
 
 #[cfg(feature = "postgres")]
 use sqlx::migrate::MigrateError;
-use sqlx::migrate::{Migration, MigrationType, Migrator};
-use sqlx::sqlite::SqliteConnectOptions;
-use sqlx::{AnyConnection, AssertSqlSafe, ConnectOptions as _, Connection as _, SqlSafeStr as _, SqliteConnection};
+use sqlx::{AnyConnection, AssertSqlSafe, Connection as _};
 use tokio::runtime::Runtime;
 
 #[cfg(feature = "postgres")]
