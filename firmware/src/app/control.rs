@@ -1,9 +1,11 @@
 //! The control task.
 
+use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_time::Duration;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveMessage, DriveState};
 
-use super::ports::{Clock, DrivePort, HostPort, Probe, Tick};
+use super::mailbox::ControlSide;
+use super::ports::{Clock, DrivePort, Probe, Tick};
 use crate::Controller;
 
 /// Why the control task ended.
@@ -39,7 +41,7 @@ pub async fn run<const N: usize>(
     state: &mut ControlState<N>,
     clock: &mut impl Clock,
     drive: &mut (impl DrivePort + Probe),
-    host: &mut impl HostPort,
+    host: &mut ControlSide<'_, impl RawMutex>,
 ) -> Ended {
     clock.start();
     loop {
@@ -61,7 +63,7 @@ pub fn run_cycle<const N: usize>(
     clock: &impl Clock,
     tick: &Tick,
     drive: &mut (impl DrivePort + Probe),
-    host: &mut impl HostPort,
+    host: &mut ControlSide<'_, impl RawMutex>,
 ) -> Result<(), Ended> {
     if tick.missed > 0 {
         log_warn!("overrun: {} periods missed", tick.missed);
@@ -99,7 +101,7 @@ fn control<const N: usize>(
     state: &mut ControlState<N>,
     clock: &impl Clock,
     tick: &Tick,
-    host: &mut impl HostPort,
+    host: &mut ControlSide<'_, impl RawMutex>,
 ) -> DriveCommand {
     let controller = &mut state.controller;
     if host.was_heard() {
@@ -122,7 +124,7 @@ fn control<const N: usize>(
     command
 }
 
-fn report_outcomes<const N: usize>(controller: &mut Controller<N>, host: &mut impl HostPort) {
+fn report_outcomes<const N: usize>(controller: &mut Controller<N>, host: &mut ControlSide<'_, impl RawMutex>) {
     while let Some(outcome) = controller.command_outcome() {
         host.report_outcome(outcome);
     }

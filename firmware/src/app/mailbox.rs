@@ -18,7 +18,6 @@ use embassy_time::Instant;
 use heapless::spsc::{Consumer, Producer, Queue};
 use spherecal_shared::protocol::host::{Command, CycleCost, Sample, Statistics};
 
-use super::ports::HostPort;
 use crate::Report;
 use crate::link::{CommandOutcome, CommandPort};
 
@@ -128,7 +127,7 @@ impl Mailbox {
     }
 }
 
-/// The control task's side of a [`Mailbox`].
+/// The control task's side of a [`Mailbox`]: typed values of the host, no bytes.
 pub struct ControlSide<'a, M: RawMutex> {
     commands: Consumer<'a, (u32, u64, Command)>,
     outcomes: Producer<'a, CommandOutcome>,
@@ -139,12 +138,17 @@ pub struct ControlSide<'a, M: RawMutex> {
     signal: &'a MailboxSignal<M>,
 }
 
-impl<M: RawMutex> HostPort for ControlSide<'_, M> {
-    fn was_heard(&mut self) -> bool {
+impl<M: RawMutex> ControlSide<'_, M> {
+    /// Whether anything has come from the host since the last call.
+    pub fn was_heard(&mut self) -> bool {
         self.signal.heard.swap(false, Ordering::Relaxed)
     }
 
-    fn with_next_command(&mut self, take: &mut impl FnMut(u32, u64, &Command)) -> bool {
+    /// Calls `take` with the next command and removes it. The arguments are the
+    /// command's number, the device time at which it starts (µs, 0 for at once)
+    /// and the command. Returns `false` when there was none. The command is
+    /// passed by reference because the largest takes 2 kB.
+    pub fn with_next_command(&mut self, take: &mut impl FnMut(u32, u64, &Command)) -> bool {
         let Some((sequence, start_us, command)) = self.commands.peek() else {
             return false;
         };
@@ -153,14 +157,16 @@ impl<M: RawMutex> HostPort for ControlSide<'_, M> {
         true
     }
 
-    fn report_outcome(&mut self, outcome: CommandOutcome) {
+    /// Reports whether a command was accepted.
+    pub fn report_outcome(&mut self, outcome: CommandOutcome) {
         if self.outcomes.enqueue(outcome).is_err() {
             // The host gets no answer and repeats the command.
             self.signal.dropped.fetch_add(1, Ordering::Relaxed);
         }
     }
 
-    fn send_reports(&mut self, next: &mut impl FnMut() -> Option<Report>) {
+    /// Takes events from `next` while there is room.
+    pub fn send_reports(&mut self, next: &mut impl FnMut() -> Option<Report>) {
         while self.reports.ready()
             && let Some(report) = next()
         {
@@ -169,7 +175,8 @@ impl<M: RawMutex> HostPort for ControlSide<'_, M> {
         }
     }
 
-    fn send_samples(&mut self, next: &mut impl FnMut() -> Option<Sample>) {
+    /// Takes telemetry samples from `next` while there is room.
+    pub fn send_samples(&mut self, next: &mut impl FnMut() -> Option<Sample>) {
         let rate = u64::from(self.signal.samples_per_s.load(Ordering::Relaxed));
         let period_us = u64::from(self.signal.period_us.load(Ordering::Relaxed));
         let most = MILLION.max(rate.saturating_mul(period_us));
@@ -184,11 +191,14 @@ impl<M: RawMutex> HostPort for ControlSide<'_, M> {
         }
     }
 
-    fn set_period(&mut self, period_us: u32) {
+    /// States the control period, in µs.
+    pub fn set_period(&mut self, period_us: u32) {
         self.signal.period_us.store(period_us, Ordering::Relaxed);
     }
 
-    fn finish_tick(&mut self, now: Instant, statistics: Statistics) {
+    /// Ends a tick: its events and samples have been sent. `now` is the device
+    /// time that the control path was given.
+    pub fn finish_tick(&mut self, now: Instant, statistics: Statistics) {
         self.signal.ticked.signal(TickReport {
             now,
             ticks: statistics.ticks,

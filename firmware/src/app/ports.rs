@@ -6,10 +6,6 @@
 
 use embassy_time::{Duration, Instant};
 use spherecal_shared::protocol::drive::{DriveCommand, DriveMessage};
-use spherecal_shared::protocol::host::{Command, Sample, Statistics};
-
-use crate::Report;
-use crate::link::CommandOutcome;
 
 /// The drive, as the control task sees it.
 pub trait DrivePort {
@@ -24,34 +20,6 @@ pub trait DrivePort {
     fn has_ended(&self) -> bool {
         false
     }
-}
-
-/// The host, as the control task sees it: typed values, no bytes.
-pub trait HostPort {
-    /// Whether anything has come from the host since the last call.
-    fn was_heard(&mut self) -> bool;
-
-    /// Calls `take` with the next command and removes it. The arguments are the
-    /// command's number, the device time at which it starts (µs, 0 for at once)
-    /// and the command. Returns `false` when there was none. The command is
-    /// passed by reference because the largest takes 2 kB.
-    fn with_next_command(&mut self, take: &mut impl FnMut(u32, u64, &Command)) -> bool;
-
-    /// Reports whether a command was accepted.
-    fn report_outcome(&mut self, outcome: CommandOutcome);
-
-    /// Takes events from `next` while there is room.
-    fn send_reports(&mut self, next: &mut impl FnMut() -> Option<Report>);
-
-    /// Takes telemetry samples from `next` while there is room.
-    fn send_samples(&mut self, next: &mut impl FnMut() -> Option<Sample>);
-
-    /// States the control period, in µs.
-    fn set_period(&mut self, period_us: u32);
-
-    /// Ends a tick: its events and samples have been sent. `now` is the device
-    /// time that the control path was given.
-    fn finish_tick(&mut self, now: Instant, statistics: Statistics);
 }
 
 /// What starts the control cycles.

@@ -17,8 +17,7 @@ use spherecal_model::{paper_plate, robots};
 use spherecal_plan::PoseAdvice;
 
 use super::args::BadValue;
-use super::exit::{CliError, Exit};
-use super::interrupt::interrupt;
+use super::exit::{CliError, Exit, interrupt};
 use super::out::{errln, outln};
 use super::terminal_operator::TerminalOperator;
 

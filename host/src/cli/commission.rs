@@ -9,9 +9,8 @@ use spherecal_job::{self as job, Commissioning, JobError, Link};
 use spherecal_link::JournalError;
 
 use super::args::RunArgs;
-use super::exit::{CliError, Exit};
+use super::exit::{CliError, Exit, interrupt};
 use super::features;
-use super::interrupt::interrupt;
 use super::out::{errln, outln};
 use super::terminal_operator::{Entered, TerminalOperator};
 

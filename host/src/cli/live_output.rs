@@ -2,21 +2,21 @@
 //! page of a server (`--publish`).
 
 use std::io::IsTerminal as _;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use super::args::RunArgs;
 use super::exit::CliError;
 use super::out::errln;
-use super::reports::stored_reports;
+use crate::simulated::SimulatedCell;
 use spherecal_campaign::{CampaignObserver, Progress};
-use spherecal_job::PreparedRun;
-use spherecal_job::open_store;
+use spherecal_job::{PreparedRun, open_store, stored_report};
 use spherecal_link::Arrival;
 #[cfg(feature = "services")]
 use spherecal_services::grpc::Publisher;
 use spherecal_services::live::{End, LiveScene, LiveWatch};
-use spherecal_services::web::Page;
+use spherecal_services::web::{Page, ReportReader, ReportWriter};
 use spherecal_services::{Offer, Server};
 #[cfg(feature = "services")]
 use spherecal_store::StoreLocation;
@@ -40,7 +40,7 @@ impl LiveOutput {
             // A separate connection, beside the one through which the run writes.
             let store = open_store(&args.database(), !args.resume)?;
             let page = Page {
-                store: Some(std::sync::Arc::new(std::sync::Mutex::new(store))),
+                store: Some(Arc::new(std::sync::Mutex::new(store))),
                 report: Some(stored_reports()),
                 ..Page::default()
             };
@@ -144,4 +144,13 @@ impl CampaignObserver for LiveOutput {
     fn note(&mut self, text: &str) {
         self.remark(text);
     }
+}
+
+/// Writes the report of a stored run, for a page.
+pub(super) fn stored_reports() -> ReportReader {
+    Arc::new(|store, info| {
+        let stored = stored_report(store, info, SimulatedCell::sound())?;
+        let write: ReportWriter = Box::new(move || Ok(stored.render()?));
+        Ok(write)
+    })
 }

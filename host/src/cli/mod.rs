@@ -25,13 +25,11 @@ mod identify;
 mod init;
 mod init_given;
 mod init_questions;
-mod interrupt;
 mod listening;
 mod live_output;
 pub mod out;
 mod plan;
 mod progress;
-mod reports;
 mod robot;
 mod robot_sides;
 mod run;
@@ -58,8 +56,7 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 
 pub use args::RunArgs;
 pub use command::{Cli, CliCommand};
-pub use exit::{CliError, Exit};
-pub use interrupt::interrupt;
+pub use exit::{CliError, Exit, interrupt};
 use out::errln;
 pub use progress::ProgressView;
 

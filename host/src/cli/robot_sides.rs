@@ -15,8 +15,7 @@ use spherecal_fri::wire::SessionState;
 use clap::Args;
 
 use super::args::{base, on_preset};
-use super::exit::{CliError, Exit};
-use super::interrupt::interrupt;
+use super::exit::{CliError, Exit, interrupt};
 use super::listening::{announce, warn_if_open};
 use super::out::errln;
 use crate::simulated;

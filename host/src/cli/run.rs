@@ -6,9 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::args::RunArgs;
-use super::exit::{CliError, Exit};
+use super::exit::{CliError, Exit, interrupt};
 use super::features;
-use super::interrupt::interrupt;
 use super::live_output::LiveOutput;
 use super::out::{err, errln, out, outln};
 use super::progress::ProgressView;

@@ -12,11 +12,10 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 
 use super::args::ProtectionArgs;
-use super::exit::{CliError, Exit};
+use super::exit::{CliError, Exit, interrupt};
 use super::features;
-use super::interrupt::interrupt;
+use super::live_output::stored_reports;
 use super::out::errln;
-use super::reports::stored_reports;
 use spherecal_job::{Link, open_store};
 use spherecal_services::web::Page;
 use spherecal_services::{Offer, Server, SharedStore};

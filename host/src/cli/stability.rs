@@ -5,9 +5,8 @@ use std::path::Path;
 use clap::Args;
 
 use super::args::RunArgs;
-use super::exit::{CliError, Exit};
+use super::exit::{CliError, Exit, interrupt};
 use super::features;
-use super::interrupt::interrupt;
 use super::out::{out, outln};
 use super::progress::ProgressView;
 use spherecal_job::stability::{Held, Stillness, analyse, hold, holds_report};

@@ -6,8 +6,7 @@ use clap::Args;
 
 use super::args::{RunArgs, StoredArgs};
 use super::document::documented;
-use super::exit::{CliError, Exit};
-use super::interrupt::interrupt;
+use super::exit::{CliError, Exit, interrupt};
 use super::out::{out, outln};
 use super::run::{self, evaluate, print};
 use super::text;

@@ -6,9 +6,8 @@
 use std::collections::BTreeMap;
 
 use super::args::RunArgs;
-use super::exit::{CliError, Exit};
+use super::exit::{CliError, Exit, interrupt};
 use super::features;
-use super::interrupt::interrupt;
 use super::out::{errln, outln};
 use super::progress::ProgressView;
 use super::terminal_operator::TerminalOperator;

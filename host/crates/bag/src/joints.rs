@@ -3,8 +3,8 @@
 use spherecal_model::excerpt;
 
 use super::error::BagError;
+use super::message::BagMessage;
 use super::messages::{JointStateMessage, MessageRefusal};
-use super::records::BagMessage;
 use super::targets::Targets;
 use super::wanted::Wanted;
 

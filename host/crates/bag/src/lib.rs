@@ -30,6 +30,7 @@ mod cdr;
 mod error;
 mod files;
 mod joints;
+mod message;
 mod messages;
 mod poses;
 mod records;
@@ -42,8 +43,8 @@ mod words;
 
 pub use error::{BadMessage, BagError};
 pub use files::{MOST_BAG_BYTES, is_bag};
+pub use message::MOST_RECORD_BYTES;
 pub use poses::{Poses, read_bag};
-pub use records::MOST_RECORD_BYTES;
 pub use rests::{GAP_S, NEAR_S, REST_S};
 pub use targets::MOST_TARGETS;
 pub use wanted::Wanted;

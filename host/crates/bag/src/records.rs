@@ -12,34 +12,15 @@ use spherecal_model::{FileError, open_regular};
 
 use super::error::BagError;
 use super::files::{LARGER, MOST_BAG_BYTES, is_sqlite};
+use super::message::{BagMessage, MOST_RECORD_BYTES, Topic, full_name};
 use super::sqlite;
 
-/// Longest record that is read, in bytes: the most that a stream keeps in memory.
-pub const MOST_RECORD_BYTES: usize = 64 << 20;
 /// Longest name of a topic or a type, in bytes.
 const MOST_NAME_BYTES: usize = 1024;
 /// Bytes that are read at once.
 const PIECE: usize = 1 << 20;
 /// Bytes between two reports of progress.
 const REPORTED: u64 = 16 << 20;
-
-/// A topic of one file.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Topic {
-    pub(crate) name: String,
-    /// Name of its type, as `package/msg/Type`.
-    pub(crate) kind: String,
-    /// How its messages are encoded.
-    pub(crate) encoding: String,
-}
-
-/// A message.
-pub(crate) struct BagMessage<'a> {
-    pub(crate) topic: &'a Rc<Topic>,
-    /// When it was recorded, in ns.
-    pub(crate) time_ns: i64,
-    pub(crate) data: &'a [u8],
-}
 
 /// Why the reading of a file ended early.
 enum EarlyEnd {
@@ -52,14 +33,6 @@ enum EarlyEnd {
 impl From<McapError> for EarlyEnd {
     fn from(error: McapError) -> Self {
         Self::Mcap(error)
-    }
-}
-
-/// `sensor_msgs/JointState` as `sensor_msgs/msg/JointState`.
-pub(crate) fn full_name(kind: &str) -> String {
-    match kind.split_once('/') {
-        Some((package, name)) if !name.contains('/') => format!("{package}/msg/{name}"),
-        _ => kind.to_owned(),
     }
 }
 

@@ -13,7 +13,7 @@ use sqlx::{ConnectOptions as _, Row as _};
 
 use super::error::BagError;
 use super::files::{LARGER, MOST_BAG_BYTES};
-use super::records::{BagMessage, MOST_RECORD_BYTES, Topic, full_name};
+use super::message::{BagMessage, MOST_RECORD_BYTES, Topic, full_name};
 
 /// The next messages behind a time and id. Types that a bag is not read for come without their data.
 const NEXT: &str = "SELECT m.id, m.topic_id, m.timestamp, CASE WHEN length(m.data) <= ?3 AND (t.type LIKE '%JointState' OR \

@@ -7,7 +7,8 @@ use spherecal_model::excerpt;
 use super::error::{BadMessage, BagError};
 use super::messages::{JOINT_STATE, JointStateMessage, MessageRefusal, ToolPlace, target};
 
-use super::records::{BagMessage, each_message};
+use super::message::BagMessage;
+use super::records::each_message;
 use super::topics::{ChosenTopics, Topics, taken};
 use super::wanted::Wanted;
 

@@ -10,8 +10,8 @@ use std::rc::Rc;
 use spherecal_model::excerpt;
 
 use super::error::BagError;
+use super::message::Topic;
 use super::messages::{JOINT_STATE, TARGETS, TargetKind, target_kind};
-use super::records::Topic;
 
 /// The type of targets that is taken without being named.
 pub(crate) const POINT: &str = TARGETS[0].0;

@@ -7,11 +7,15 @@ use spherecal_identify::evaluate::repeatability;
 use spherecal_report::{BudgetLine, COVERAGE, Certificate, PositionError, Uncertainty};
 use spherecal_store::time::months_after;
 
-use crate::hexadecimal::hexadecimal;
 use crate::{CertificateSection, Evaluation, JobError, Measurements};
 
 /// Commit of the sources, where the build states it.
 const COMMIT: Option<&str> = option_env!("SPHERECAL_COMMIT");
+
+/// Bytes as hexadecimal digits.
+pub(crate) fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
 
 /// Hash of a text, in hexadecimal digits.
 pub(crate) fn sha256(text: &str) -> String {

@@ -1,4 +1,4 @@
-//! Results that are stored beside the recordings, and the report of a stored run.
+//! The store: how it is opened, the results that are stored beside the recordings, and the report of a stored run.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use super::run_report;
 use super::{JobError, Measurements, Simulator, evaluate, read, summarise};
 use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_report::render;
-use spherecal_store::{CalibrationStore, RunInfo, StoreError};
+use spherecal_store::{CalibrationStore, Peer, RunInfo, SqlStore, StoreError, StoreLocation};
 
 /// Name of the contacts' force traces among a run's results.
 const CONTACT_TRACES: &str = "contact_traces";
@@ -76,4 +76,36 @@ impl StoredReport {
         );
         Ok(render(&report)?)
     }
+}
+
+/// Opens the store at a location: a file, created with its folder if `create` is set; a PostgreSQL
+/// database, whose tables are created if there are none; or a service.
+///
+/// # Errors
+/// The file is not a database of spherecal, has a newer version, is damaged or is not writable; the
+/// server does not answer or refuses; this program was built without that kind of store.
+pub fn open_store(location: &StoreLocation, create: bool) -> Result<Box<dyn CalibrationStore>, StoreError> {
+    match location {
+        StoreLocation::File(path) if create => Ok(Box::new(SqlStore::create_or_open(path)?)),
+        StoreLocation::File(path) => Ok(Box::new(SqlStore::open(path)?)),
+        StoreLocation::Postgres(url) => Ok(Box::new(SqlStore::postgres(url)?)),
+        StoreLocation::Service(peer) => service(peer),
+    }
+}
+
+#[cfg(feature = "services")]
+fn service(peer: &Peer) -> Result<Box<dyn CalibrationStore>, StoreError> {
+    let store = spherecal_services::grpc::RemoteStore::connect(peer).map_err(|error| StoreError::Remote {
+        input: error.is_input(),
+        source: Box::new(error),
+    })?;
+    Ok(Box::new(store))
+}
+
+#[cfg(not(feature = "services"))]
+fn service(_peer: &Peer) -> Result<Box<dyn CalibrationStore>, StoreError> {
+    Err(StoreError::Feature {
+        what: "a store behind gRPC",
+        feature: "services",
+    })
 }

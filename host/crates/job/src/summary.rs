@@ -9,8 +9,7 @@ use sha2::{Digest, Sha256};
 use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::protocol::host::{FaultReport, Recording};
 
-use super::certificate::run_certificate;
-use super::hexadecimal::hexadecimal;
+use super::certificate::{hexadecimal, run_certificate};
 use super::{DriveTiming, Evaluation, JobError, LinkRecord, Measurements};
 use spherecal_identify::validate::{Alignment, ErrorStatistics};
 use spherecal_identify::{ExpectedError, ExpectedErrors, ParameterEstimate, Verdict};

@@ -3,6 +3,8 @@
 //! For points "anywhere in the joint ranges" without random numbers: seeds of the inverse
 //! kinematics, candidates of plans, validation targets.
 
+use spherecal_shared::robot::JointLimits;
+
 /// Bases of the dimensions.
 const PRIMES: [usize; 12] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37];
 
@@ -17,6 +19,22 @@ pub fn halton(index: usize, dimension: usize) -> f64 {
         rest /= base;
     }
     value
+}
+
+/// Configuration `index` (from 1) of those that fill the middle `share` of every joint's range, in rad. Of a longer range
+/// the middle `2 * most_rad` counts as the whole.
+pub fn spread<'a>(
+    limits: impl IntoIterator<Item = &'a JointLimits>,
+    index: usize,
+    share: f64,
+    most_rad: f64,
+) -> Vec<f64> {
+    let joint = |(j, limit): (usize, &JointLimits)| {
+        let middle = 0.5 * (limit.min_rad + limit.max_rad);
+        let half = (0.5 * (limit.max_rad - limit.min_rad)).min(most_rad);
+        middle + share * half * (2.0 * halton(index, j) - 1.0)
+    };
+    limits.into_iter().enumerate().map(joint).collect()
 }
 
 #[cfg(test)]

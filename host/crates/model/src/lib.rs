@@ -21,7 +21,9 @@ mod new_file;
 mod printable;
 pub mod robots;
 mod shot;
+pub mod statistics;
 mod toml_words;
+mod workspace;
 
 pub use cell::{CalibrationPlate, CellError, MAX_SPHERES, NominalCell, Placement, Sphere};
 pub use chain::{Chain, ChainError, TcpPose};
@@ -35,3 +37,4 @@ pub use printable::{excerpt, printable, printable_lines};
 pub use shot::{LaserShot, TrackerSession};
 pub use spherecal_shared::robot::Pose;
 pub use toml_words::{TomlError, read_toml};
+pub use workspace::workspace;

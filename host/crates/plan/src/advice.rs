@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, Matrix3, Rotation3, Vector3};
 use spherecal_identify::{DesignModel, IdentifyError, Options};
 use spherecal_model::Sphere;
 use spherecal_model::chain::{Chain, TcpPose};
-use spherecal_model::halton::halton;
+use spherecal_model::halton::spread;
 use spherecal_shared::robot::{Robot, Tool};
 
 /// Configurations over which the variance of the predicted TCP is averaged.
@@ -50,10 +50,7 @@ impl PoseAdvice {
         let m = model.columns();
         let predictions = (0..PREDICTIONS)
             .map(|k| {
-                let between = |(j, limit): (usize, &spherecal_shared::robot::JointLimits)| {
-                    limit.min_rad + (limit.max_rad - limit.min_rad) * halton(k + 1, j)
-                };
-                let q: Vec<f64> = chain.limits().iter().enumerate().map(between).collect();
+                let q = spread(chain.limits(), k + 1, 1.0, f64::INFINITY);
                 DMatrix::from_row_slice(3, m, &model.prediction(&q).0)
             })
             .collect();

@@ -17,7 +17,7 @@ use super::travel::{Travel, tour};
 use super::types::{Plan, Visit, Waypoint};
 use spherecal_identify::{DesignModel, Options};
 use spherecal_model::chain::Chain;
-use spherecal_model::halton::halton;
+use spherecal_model::workspace;
 
 /// Validation configurations that the criterion averages over.
 const VALIDATION: usize = 200;
@@ -166,33 +166,6 @@ impl DesignProblem {
     }
 }
 
-/// Configurations spread over the joint limits whose TCP lies in front of the
-/// arm, in the box of the paper's Table 4 scaled to the arm's reach.
-pub(super) fn validation(chain: &Chain) -> Vec<Vec<f64>> {
-    let configuration = |k: usize| -> Vec<f64> {
-        let joint = |(j, l): (usize, &spherecal_shared::robot::JointLimits)| {
-            let middle = 0.5 * (l.min_rad + l.max_rad);
-            let half = (0.5 * (l.max_rad - l.min_rad)).min(core::f64::consts::PI);
-            middle + 0.95 * half * (2.0 * halton(k, j) - 1.0)
-        };
-        chain.limits().iter().enumerate().map(joint).collect()
-    };
-    // Reach: the largest TCP distance of many configurations. The iiwa 7 with the paper's tool has
-    // 1.4 m.
-    let reach = (1..=500)
-        .map(|k| chain.pose(&configuration(k)).position.norm())
-        .fold(0.1, f64::max);
-    let scale = reach / 1.4;
-    let inside = |p: &Vector3<f64>| {
-        (-0.05..=1.0).contains(&(p.x / scale)) && (p.y / scale).abs() <= 0.6 && (0.13..=1.15).contains(&(p.z / scale))
-    };
-    (1..20_000)
-        .map(configuration)
-        .filter(|q| inside(&chain.pose(q).position))
-        .take(VALIDATION)
-        .collect()
-}
-
 pub(super) fn model_of(cell: &Cell, options: &Options) -> Result<DesignModel, PlanError> {
     cell.check()?;
     let places = cell.plates.len() as u32;
@@ -206,5 +179,8 @@ pub(super) fn model_of(cell: &Cell, options: &Options) -> Result<DesignModel, Pl
 }
 
 pub(super) fn predictions(model: &DesignModel, chain: &Chain) -> Vec<(Vec<f64>, Vector3<f64>, f64)> {
-    validation(chain).iter().map(|q| model.prediction(q)).collect()
+    workspace(chain, VALIDATION)
+        .iter()
+        .map(|q| model.prediction(q))
+        .collect()
 }

@@ -4,9 +4,8 @@
 //! Let `Σ` be the posterior covariance of the full model (in units of the prior sigma), `A_c` the
 //! whitened 3 x m rows of candidate c, and `W` the mean of `G_vᵀ G_v` over the validation
 //! configurations (base aligned). The criterion is `tr(W Σ)`, the mean square of the predicted TCP
-//! error. Adding c changes it by `−tr((I + S)⁻¹ T)` with `S = A Σ Aᵀ` and `T = A Σ W Σ Aᵀ`, both 3
-//! x 3. `S` and `T` are stored for every candidate and updated with each choice by products of 6
-//! vectors with all rows, so a choice among N costs `18 N m` multiplications.
+//! error. Adding c changes it by `−tr((I + S)⁻¹ T)` with `S = A Σ Aᵀ` and `T = A Σ W Σ Aᵀ`, both 3 x 3. `S` and `T` are
+//! stored for every candidate and updated with each choice, so a choice among N costs `18 N m` multiplications.
 //!
 //! A choice may weigh a pose's gain against its travel time ([`Travel`]).
 

@@ -7,25 +7,11 @@ use spherecal_shared::robot::{Robot, Tool};
 use crate::plant::{Plant, PlantConfig};
 use crate::simulated::SimulatedArmError;
 
-/// What the tracker needs of a plant.
-trait Shots: Send {
-    fn shot(&mut self, session: TrackerSession, q: &[f64]) -> Result<(Vec<f64>, [f64; 3]), LinkError>;
-}
-
-impl<const N: usize> Shots for Plant<N> {
-    fn shot(&mut self, session: TrackerSession, q: &[f64]) -> Result<(Vec<f64>, [f64; 3]), LinkError> {
-        let q: &[f64; N] = q.try_into().map_err(|_| LinkError::OtherRobot {
-            drive: N,
-            robot: q.len(),
-        })?;
-        self.tracker_session(session);
-        let shot = self.tracker_shot(q);
-        Ok((shot.q_encoder.to_vec(), shot.point_m))
-    }
-}
+/// A shot of a session at joint angles (rad): what the encoders show (rad), and the point (m).
+type Shot = dyn FnMut(TrackerSession, &[f64]) -> Result<(Vec<f64>, [f64; 3]), LinkError> + Send;
 
 /// The simulated tracker of an arm, in its state before the first shot.
-pub struct SimulatedTracker(Box<dyn Shots>);
+pub struct SimulatedTracker(Box<Shot>);
 
 impl SimulatedTracker {
     /// The tracker of the arm that is drawn from `config`.
@@ -37,12 +23,21 @@ impl SimulatedTracker {
             robot: &Robot,
             tool: &Tool,
             config: &PlantConfig,
-        ) -> Result<Box<dyn Shots>, SimulatedArmError> {
-            Ok(Box::new(Plant::<N>::new(robot, tool, config, &[0.0; N])?))
+        ) -> Result<SimulatedTracker, SimulatedArmError> {
+            let mut plant = Plant::<N>::new(robot, tool, config, &[0.0; N])?;
+            Ok(SimulatedTracker(Box::new(move |session, q| {
+                let q: &[f64; N] = q.try_into().map_err(|_| LinkError::OtherRobot {
+                    drive: N,
+                    robot: q.len(),
+                })?;
+                plant.tracker_session(session);
+                let shot = plant.tracker_shot(q);
+                Ok((shot.q_encoder.to_vec(), shot.point_m))
+            })))
         }
         match robot.dof() {
-            6 => made::<6>(robot, tool, config).map(Self),
-            7 => made::<7>(robot, tool, config).map(Self),
+            6 => made::<6>(robot, tool, config),
+            7 => made::<7>(robot, tool, config),
             joints => Err(LinkError::Joints {
                 joints,
                 built: "6 and 7",
@@ -56,8 +51,7 @@ impl SimulatedTracker {
     ///
     /// # Errors
     /// The number of angles differs from the number of joints.
-    ///
     pub fn shot(&mut self, session: TrackerSession, q: &[f64]) -> Result<(Vec<f64>, [f64; 3]), LinkError> {
-        self.0.shot(session, q)
+        (self.0)(session, q)
     }
 }

@@ -16,8 +16,7 @@ use std::path::{Path, PathBuf};
 
 use spherecal_model::write_file;
 
-use super::seal::Damage;
-use super::{DatabaseKind, SqlStore, StoreError};
+use super::{Damage, DatabaseKind, SqlStore, StoreError};
 
 /// Number of recordings, by run.
 pub(super) type Counts = BTreeMap<i64, i64>;
@@ -86,7 +85,7 @@ impl SqlStore {
                 what: source.to_string(),
             });
         }
-        super::open::sync_folder(&path);
+        super::file::sync_folder(&path);
         self.stated = true;
         Ok(())
     }

@@ -6,7 +6,7 @@ use std::path::Path;
 use spherecal_model::{LaserShot, Sphere};
 use spherecal_shared::protocol::host::{Contact, Coupled, FaultReport, PhaseChange, Recording};
 
-use super::history::{self, StoredPast};
+use super::past::{FINGERPRINT, HEADLINE, StoredPast};
 use super::{NewRun, Placed, RunInfo, SessionEnd, StoreError};
 
 /// Everything that a run has, fetched once.
@@ -177,7 +177,7 @@ pub trait CalibrationStore: Send {
     /// # Errors
     /// When the store fails, or a row is not as it was written.
     fn past(&mut self, arm: &str) -> Result<Vec<StoredPast>, StoreError> {
-        history::one_by_one(self, arm)
+        one_by_one(self, arm)
     }
 
     /// Reads everything that a file holds, and compares it with its digests. A server vouches for
@@ -250,4 +250,24 @@ pub trait CalibrationStore: Send {
         self.choose_run(found.run);
         Ok(found)
     }
+}
+
+/// Reads the past run by run, with all checks of a store.
+pub(super) fn one_by_one<S: CalibrationStore + ?Sized>(
+    store: &mut S,
+    arm: &str,
+) -> Result<Vec<StoredPast>, StoreError> {
+    let mut past = Vec::new();
+    for info in store.runs_of(arm)?.into_iter().filter(RunInfo::is_calibration) {
+        past.push(StoredPast {
+            headline: store.result(info.run, HEADLINE)?,
+            fingerprint: store.result(info.run, FINGERPRINT)?,
+            run: info.run,
+            created_utc: info.created_utc,
+            robot: info.robot.name.to_string(),
+            arm: info.arm,
+            state: info.state,
+        });
+    }
+    Ok(past)
 }

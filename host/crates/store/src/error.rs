@@ -2,6 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
+/// A row that is not as it was written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Damage {
+    /// Number of the run.
+    pub run: i64,
+    /// Which row, and what is wrong with it.
+    pub what: String,
+}
+
 /// What can go wrong with a database.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {

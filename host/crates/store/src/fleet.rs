@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::history::{FINGERPRINT, HEADLINE, StoredPast};
+use super::past::{FINGERPRINT, HEADLINE, StoredPast};
 use super::seal::{RESULTS, SealedValue, of_row};
 use super::{SqlStore, StoreError};
 

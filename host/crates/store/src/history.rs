@@ -11,27 +11,17 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
-use spherecal_shared::robot::Robot;
-
-use spherecal_model::fit_pose;
-use spherecal_model::halton::halton;
-
+pub(super) use crate::past::HEADLINE;
+pub use crate::past::{FINGERPRINT, Fingerprint, StoredPast};
 use crate::time::{days, utc};
-use crate::{CalibrationStore, RunInfo, StoreError};
+use crate::{CalibrationStore, StoreError};
+use serde::{Deserialize, Serialize};
 
 /// How far an arm may move, in mm, before it must be calibrated again, unless the user sets another
 /// limit.
 pub const LIMIT_MM: f64 = 0.3;
-/// Name of a fingerprint among a run's results.
-pub const FINGERPRINT: &str = "fingerprint";
-/// Name of the headline among a run's results.
-pub(super) const HEADLINE: &str = "headline";
 /// Name of the summary among a run's results.
 const SUMMARY: &str = "summary";
-/// Configurations of a fingerprint.
-const POINTS: usize = 60;
 /// How many times the uncertainty a move must be to count as drift.
 const SIGNIFICANT: f64 = 3.0;
 /// Days after which a calibration is due if the drift is unknown: the yearly interval of measuring
@@ -40,58 +30,6 @@ const YEAR_DAYS: f64 = 365.0;
 /// How far back the clock may be between two runs without being wrong, in days: two computers differ by
 /// seconds.
 const CLOCK_DAYS: f64 = 0.01;
-
-/// Where a calibrated model puts the TCP.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Fingerprint {
-    /// TCP in F0, in m.
-    pub points_m: Vec<[f64; 3]>,
-    /// Root mean square uncertainty of these positions, in mm.
-    pub sigma_mm: f64,
-}
-
-/// Configurations over the middle half of a robot's joint ranges, in rad.
-fn configurations(robot: &Robot) -> Vec<Vec<f64>> {
-    (1..=POINTS)
-        .map(|index| {
-            robot
-                .joints
-                .iter()
-                .enumerate()
-                .map(|(j, joint)| {
-                    let (low, high) = (joint.limits.min_rad, joint.limits.max_rad);
-                    0.5 * (low + high) + 0.5 * (high - low) * (halton(index, j) - 0.5)
-                })
-                .collect()
-        })
-        .collect()
-}
-
-impl Fingerprint {
-    /// The fingerprint of a calibrated model of `robot`. `tcp_m` gives the TCP in F0 (m) at joint
-    /// angles in rad. `variance_m2` gives the trace of its covariance there, in m².
-    pub fn of(robot: &Robot, tcp_m: impl Fn(&[f64]) -> Vector3<f64>, variance_m2: impl Fn(&[f64]) -> f64) -> Self {
-        let configurations = configurations(robot);
-        let variance: f64 = configurations.iter().map(|q| variance_m2(q)).sum();
-        Self {
-            points_m: configurations.iter().map(|q| tcp_m(q).into()).collect(),
-            sigma_mm: (variance / POINTS as f64).sqrt() * 1e3,
-        }
-    }
-
-    /// Mean distance to another fingerprint after the best rigid motion, in mm; `None` if they
-    /// belong to different kinds of robot.
-    pub fn moved_mm(&self, other: &Self) -> Option<f64> {
-        if self.points_m.len() != other.points_m.len() || self.points_m.is_empty() {
-            return None;
-        }
-        let vectors = |points: &[[f64; 3]]| points.iter().map(|p| Vector3::from(*p)).collect::<Vec<_>>();
-        let (from, to) = (vectors(&self.points_m), vectors(&other.points_m));
-        let pose = fit_pose(&from, &to)?;
-        let sum: f64 = from.iter().zip(&to).map(|(a, b)| (pose.point(a) - b).norm()).sum();
-        Some(sum / from.len() as f64 * 1e3)
-    }
-}
 
 /// What a list of past calibrations shows of a summary, which itself is a hundred times as long.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -109,10 +47,7 @@ impl SummaryExtract {
         let summary: serde_json::Value = serde_json::from_str(summary).unwrap_or_default();
         let models = &summary["validation"]["models"];
         Self {
-            // Earlier versions called it `trusted`.
-            trusted: summary["verdict"]["may_be_used"]
-                .as_bool()
-                .or_else(|| summary["verdict"]["trusted"].as_bool()),
+            trusted: summary["verdict"]["may_be_used"].as_bool(),
             recorded: summary["poses"]["recorded"].as_u64(),
             residual_rms_mm: summary["residual"]["rms_mm"].as_f64(),
             nominal_mm: models["nominal"]["mean_mm"].as_f64(),
@@ -133,40 +68,6 @@ pub fn put_summary(store: &mut dyn CalibrationStore, run: i64, json: &str) -> Re
     })?;
     store.put_result(run, SUMMARY, json)?;
     store.put_result(run, HEADLINE, &headline)
-}
-
-/// One past calibration as a store gives it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StoredPast {
-    pub(super) run: i64,
-    pub(super) created_utc: String,
-    pub(super) robot: String,
-    pub(super) arm: String,
-    pub(super) state: String,
-    /// As JSON; `None` if the run has no result, or an earlier version wrote it.
-    pub(super) headline: Option<String>,
-    /// As JSON.
-    pub(super) fingerprint: Option<String>,
-}
-
-/// Reads the past run by run, with all checks of a store.
-pub(super) fn one_by_one<S: CalibrationStore + ?Sized>(
-    store: &mut S,
-    arm: &str,
-) -> Result<Vec<StoredPast>, StoreError> {
-    let mut past = Vec::new();
-    for info in store.runs_of(arm)?.into_iter().filter(RunInfo::is_calibration) {
-        past.push(StoredPast {
-            headline: store.result(info.run, HEADLINE)?,
-            fingerprint: store.result(info.run, FINGERPRINT)?,
-            run: info.run,
-            created_utc: info.created_utc,
-            robot: info.robot.name.to_string(),
-            arm: info.arm,
-            state: info.state,
-        });
-    }
-    Ok(past)
 }
 
 /// One past calibration.
@@ -205,16 +106,8 @@ pub fn read(store: &mut dyn CalibrationStore, arm: &str) -> Result<Vec<Past>, St
     let stored = store.past(arm)?;
     let mut past = Vec::with_capacity(stored.len());
     for run in stored {
-        let headline: SummaryExtract = match run.headline {
-            Some(json) => serde_json::from_str(&json).unwrap_or_default(),
-            // It has no result yet.
-            None if run.state == "running" => SummaryExtract::default(),
-            // An earlier version wrote it.
-            None => store
-                .result(run.run, SUMMARY)?
-                .map(|json| SummaryExtract::of(&json))
-                .unwrap_or_default(),
-        };
+        let headline: Option<SummaryExtract> = run.headline.and_then(|json| serde_json::from_str(&json).ok());
+        let headline = headline.unwrap_or_default();
         past.push(Past {
             run: run.run,
             created_utc: run.created_utc,
@@ -341,7 +234,9 @@ pub fn trend(past: &[Past], limit_mm: f64) -> Option<Trend> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Rotation3;
+    use crate::past::POINTS;
+    use nalgebra::{Rotation3, Vector3};
+    use spherecal_model::halton::halton;
 
     fn print(stretch: f64, turn: f64) -> Fingerprint {
         let turn = Rotation3::from_euler_angles(turn, -turn, 2.0 * turn);

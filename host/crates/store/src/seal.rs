@@ -15,7 +15,7 @@ use sqlx::{AnyConnection, AssertSqlSafe, Row as _, ValueRef as _};
 use super::acknowledged;
 use super::digest::{Digest, recording_subject};
 use super::statement::rows;
-use super::{SqlStore, StoreError};
+use super::{Damage, SqlStore, StoreError};
 
 /// A table whose rows are sealed.
 #[derive(Clone, Copy, Debug)]
@@ -188,15 +188,6 @@ pub(super) async fn forget_removed(t: &mut AnyConnection, table: &Sealed, run: i
             .await?;
     }
     Ok(())
-}
-
-/// A row that is not as it was written.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Damage {
-    /// Number of the run.
-    pub run: i64,
-    /// Which row, and what is wrong with it.
-    pub what: String,
 }
 
 impl SqlStore {

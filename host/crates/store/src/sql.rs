@@ -4,7 +4,8 @@ use std::path::Path;
 
 use spherecal_model::LaserShot;
 
-use super::history::{self, StoredPast};
+use super::calibration_store::one_by_one;
+use super::past::StoredPast;
 use super::seal::{
     CONTACTS, COUPLINGS, FAULTS, GREETINGS, LASER, PHASES, POSES, RECORDINGS, SESSIONS, SPHERES, Sealed,
 };
@@ -53,7 +54,7 @@ impl CalibrationStore for SqlStore {
     fn past(&mut self, arm: &str) -> Result<Vec<StoredPast>, StoreError> {
         match self.kind {
             // A file vouches for nothing: every row of every run is compared with its digest.
-            DatabaseKind::Sqlite => history::one_by_one(self, arm),
+            DatabaseKind::Sqlite => one_by_one(self, arm),
             DatabaseKind::Postgres => self.snapshot(|store| store.past_at_once(arm)),
         }
     }

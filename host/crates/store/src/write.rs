@@ -8,8 +8,8 @@ use super::spares::seal_settings;
 use super::statement::{put_digest, rows};
 use spherecal_model::LaserShot;
 
+use super::file::PATIENCE;
 use super::lock::identity;
-use super::open::PATIENCE;
 use super::{DatabaseKind, NewRun, SqlStore, StoreError};
 
 /// What is known of a session at its end, or so far.

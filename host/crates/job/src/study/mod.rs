@@ -1,13 +1,11 @@
 //! The output of a calibration from files: `summary.json`, text for the terminal, the calibrated
 //! robot, the report.
 
-mod certificate;
 mod files;
 mod summary;
 mod targets;
 mod text;
 
-pub use certificate::study_certificate;
 pub use files::{calibrated, write_files};
-pub use summary::summary_json;
+pub use summary::{study_certificate, summary_json};
 pub use text::summary_text;

@@ -8,7 +8,8 @@ use spherecal_identify::evaluate::{Errors, Judge, Judged};
 use spherecal_identify::study::Study;
 use spherecal_report::Certificate;
 
-use crate::hexadecimal::hexadecimal;
+use crate::CertificateSection;
+use crate::certificate::{CertificateSubject, certificate, hexadecimal};
 
 /// The numbers that an instrument measured, in m; a hidden target is not a number. A contact has none: its recording is
 /// that of a run.
@@ -193,4 +194,19 @@ const LISTED: usize = 1000;
 /// A number, or null if it is infinite or not a number (JSON has neither).
 fn finite(value: f64) -> Value {
     if value.is_finite() { json!(value) } else { Value::Null }
+}
+
+/// The certificate of a study, with what the user stated. A table of poses does not say when it
+/// was measured and whether its arm was simulated.
+pub fn study_certificate(study: &Study, stated: &CertificateSection) -> Certificate {
+    let about = CertificateSubject {
+        robot: study.model.robot.name.as_str(),
+        arm: "",
+        measured: None,
+        simulated: false,
+        campaign: false,
+        configuration: toml::to_string(&study.evaluation.options).ok(),
+        recordings_sha256: recordings_sha256(study),
+    };
+    certificate(stated, about, &study.recordings, &study.evaluation)
 }

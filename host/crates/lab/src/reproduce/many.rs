@@ -12,6 +12,7 @@ use crate::worlds::{AlignedErrors, World, record};
 use spherecal_identify::Estimator;
 use spherecal_identify::Recordings;
 use spherecal_identify::validate::Alignment;
+use spherecal_model::statistics::quantile;
 
 /// Which robots.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
@@ -120,13 +121,10 @@ impl RobotSpread {
     /// `None` without a number.
     fn of(mut values: Vec<f64>) -> Option<Self> {
         values.sort_by(f64::total_cmp);
-        let last = values.len().checked_sub(1)?;
-        // The value below which that share of the robots is, interpolated.
-        let at = |share: f64| {
-            let place = share * last as f64;
-            let (low, part) = (place.floor() as usize, place.fract());
-            values[low] + part * (values[(low + 1).min(last)] - values[low])
-        };
+        if values.is_empty() {
+            return None;
+        }
+        let at = |share| quantile(&values, share);
         Some(Self {
             median: at(0.5),
             p5: at(0.05),

@@ -12,6 +12,7 @@ use super::seeds;
 use crate::shards::{self, ShardError, ShardedStudy};
 use spherecal_identify::Estimator;
 use spherecal_identify::validate::{Alignment, ErrorStatistics};
+use spherecal_model::statistics::median;
 use spherecal_report::export::ExportTable;
 use spherecal_sim::worlds::World;
 
@@ -92,17 +93,6 @@ impl WorldScore {
             .iter()
             .map(|r| r.under(alignment).mean_mm)
             .fold(0.0, f64::max)
-    }
-}
-
-/// The median: the mean of the middle two for an even number; 0 for an empty list.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    match n {
-        0 => 0.0,
-        _ if n % 2 == 1 => values[n / 2],
-        _ => f64::midpoint(values[n / 2 - 1], values[n / 2]),
     }
 }
 

@@ -13,7 +13,7 @@ use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::linalg::Cholesky;
 
 use super::{Chain, ChainFrames, JointVector, TcpPose, rotation_vector, wrapped};
-use crate::halton::halton;
+use crate::halton::spread;
 
 /// A pose counts as solved if its errors in position (m), rotation (rad) and elbow angle (rad) are
 /// below this.
@@ -118,17 +118,8 @@ impl Chain {
             return distinct(solutions);
         }
         let reached = |index: usize| {
-            let seed: Vec<f64> = self
-                .limits
-                .iter()
-                .enumerate()
-                .map(|(j, l)| {
-                    // Beyond one turn, a limit only repeats the same branches.
-                    let middle = 0.5 * (l.min_rad + l.max_rad);
-                    let half = (0.5 * (l.max_rad - l.min_rad)).min(core::f64::consts::PI);
-                    middle + half * (2.0 * halton(index, j) - 1.0)
-                })
-                .collect();
+            // Beyond one turn, a limit only repeats the same branches.
+            let seed = spread(&self.limits, index, 1.0, core::f64::consts::PI);
             self.polish(&target, &seed, SEARCH_STEPS)
         };
         let any: Vec<Vec<f64>> = (1..=SEARCH_SEEDS).filter_map(reached).collect();

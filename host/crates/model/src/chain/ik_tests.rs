@@ -2,6 +2,7 @@ use proptest::prelude::*;
 use spherecal_shared::robot::{Robot, iiwa7, iiwa7_tool};
 
 use super::*;
+use crate::halton::halton;
 
 fn chain(robot: &Robot) -> Chain {
     Chain::new(robot, &iiwa7_tool()).expect("a valid robot")

@@ -8,7 +8,6 @@
 use std::fmt::Write as _;
 
 use sha2::{Digest, Sha256};
-use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::robot::{MdhRow, Pose};
 
 use super::error::RobotFileError;
@@ -17,16 +16,10 @@ use super::model::{Origin, RobotModel};
 use super::urdf::JointMotion;
 use super::urdf_out::{SAME, corrected};
 use super::vendor::{self, Form, JointOrigin, UR_KEYS, Z};
-use super::yaml_entries::entries;
+use super::yaml_entries::{AXIS, MOST_JOINTS, NUMBERS, entries};
 use super::{frames, urdf_in};
 use crate::printable;
 
-/// Most joints (the flange and the tip included) of a file.
-pub(super) const MOST_JOINTS: usize = MAX_JOINTS + 2;
-/// The six numbers of an origin.
-pub(super) const NUMBERS: [&str; 6] = ["x", "y", "z", "roll", "pitch", "yaw"];
-/// Direction of an axis that is not z.
-pub(super) const AXIS: [&str; 3] = ["axis_x", "axis_y", "axis_z"];
 /// Key of the tip in the last joint's link; left out where they are the same.
 const TIP: &str = "tool0";
 /// Tips closer to the last joint's link than this (m, or an entry of the rotation) are the same: vendors write angles

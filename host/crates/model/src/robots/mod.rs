@@ -21,6 +21,7 @@ pub mod mdh;
 mod model;
 mod path;
 pub mod toml_file;
+mod toml_text;
 pub mod urdf;
 mod urdf_in;
 mod urdf_out;

@@ -1,10 +1,16 @@
 //! A YAML file of nested mappings as its numbers, each with the keys that lead to it.
 
 use granit_parser::{Event, Parser};
+use spherecal_shared::MAX_JOINTS;
 
 use super::error::RobotFileError;
-use super::kinematics_yaml::{AXIS, MOST_JOINTS, NUMBERS};
 
+/// Most joints (the flange and the tip included) of a file.
+pub(super) const MOST_JOINTS: usize = MAX_JOINTS + 2;
+/// The six numbers of an origin.
+pub(super) const NUMBERS: [&str; 6] = ["x", "y", "z", "roll", "pitch", "yaw"];
+/// Direction of an axis that is not z.
+pub(super) const AXIS: [&str; 3] = ["axis_x", "axis_y", "axis_z"];
 /// Deepest nesting of a file that is read.
 const MOST_DEPTH: usize = 4;
 

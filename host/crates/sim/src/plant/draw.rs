@@ -80,7 +80,7 @@ pub(super) fn draw_offsets(robot: &mut Robot, config: &PlantConfig) {
 }
 
 /// 500 configurations in joint space, the same for every seed, in rad.
-pub(super) fn workspace<const N: usize>(nominal: &Robot) -> impl Iterator<Item = [f64; N]> + '_ {
+pub(super) fn anywhere<const N: usize>(nominal: &Robot) -> impl Iterator<Item = [f64; N]> + '_ {
     let mut rng = stream(0, Stream::Workspace);
     (0..500).map(move |_| {
         core::array::from_fn(|i| {
@@ -92,10 +92,10 @@ pub(super) fn workspace<const N: usize>(nominal: &Robot) -> impl Iterator<Item =
     })
 }
 
-/// Mean distance of two arms' TCPs over [`workspace`], in m.
+/// Mean distance of two arms' TCPs over [`anywhere`], in m.
 fn mean_difference<const N: usize>(nominal: &Robot, one: &Arm<f64, N>, other: &Arm<f64, N>) -> f64 {
     let at = |arm: &Arm<f64, N>, q: &[f64; N]| arm.tcp_frame(&arm.frames(q)).position;
-    let sum: f64 = workspace::<N>(nominal)
+    let sum: f64 = anywhere::<N>(nominal)
         .map(|q| (at(one, &q) - at(other, &q)).norm())
         .sum();
     sum / 500.0

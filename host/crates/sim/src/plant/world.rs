@@ -19,8 +19,8 @@ use spherecal_shared::robot::{Arm, Dynamics, Pose, Robot, Tool};
 
 use super::config::{EncoderSide, PlantConfig};
 use super::draw::{
-    draw_bending, draw_compliance, draw_geometry, draw_joint_errors, draw_joint_functions, draw_masses, draw_memory,
-    draw_offsets, draw_plates, draw_spheres, workspace,
+    anywhere, draw_bending, draw_compliance, draw_geometry, draw_joint_errors, draw_joint_functions, draw_masses,
+    draw_memory, draw_offsets, draw_plates, draw_spheres,
 };
 use super::error::PlantError;
 use super::joint::{Deflection, JointError, PathMemory, SlowState};
@@ -318,7 +318,7 @@ fn scale_to_overall_mean<const N: usize>(
 ) -> Result<(), PlantError> {
     let own;
     let configurations = if reference.is_empty() {
-        own = workspace::<N>(nominal).collect::<Vec<_>>();
+        own = anywhere::<N>(nominal).collect::<Vec<_>>();
         &own
     } else {
         reference

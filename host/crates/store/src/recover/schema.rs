@@ -7,7 +7,7 @@ use sqlx::{ConnectOptions as _, SqliteConnection};
 
 use super::Workshop;
 use super::rows::{Column, Source, read_table};
-use crate::open::APPLICATION_ID;
+use crate::file::APPLICATION_ID;
 use crate::{SCHEMA_VERSION, StoreError};
 
 /// Size of the header of a database, at the start of its first page, in bytes.

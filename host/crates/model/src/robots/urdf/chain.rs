@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use spherecal_shared::robot::Pose;
 
 use super::srdf::Srdf;
-use super::tip::Arms;
+use super::tip::{Arms, listed};
 use super::{JointMotion, Urdf, value_error};
 use crate::robots::error::RobotFileError;
 use crate::robots::frames::compose;
@@ -24,19 +24,6 @@ pub struct UrdfChain {
     /// What hangs rigidly beyond the tip, as the tip's frame sees its end: a
     /// tool that the file knows.
     pub beyond: Option<(String, Pose<f64>)>,
-}
-
-/// Most names that a message lists.
-const LISTED: usize = 20;
-
-/// Names for a message.
-pub(super) fn listed<'a>(names: impl Iterator<Item = &'a str> + Clone) -> String {
-    let more = names.clone().count().saturating_sub(LISTED);
-    let mut words = names.take(LISTED).collect::<Vec<_>>().join(", ");
-    if more > 0 {
-        words += &format!(" and {more} more");
-    }
-    words
 }
 
 impl Urdf {

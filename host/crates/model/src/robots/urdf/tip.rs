@@ -11,10 +11,22 @@
 
 use std::collections::HashMap;
 
-use super::chain::listed;
 use super::srdf::Srdf;
 use super::{JointMotion, Urdf, UrdfJoint, value_error};
 use crate::robots::error::RobotFileError;
+
+/// Most names that a message lists.
+const LISTED: usize = 20;
+
+/// Names for a message.
+pub(super) fn listed<'a>(names: impl Iterator<Item = &'a str> + Clone) -> String {
+    let more = names.clone().count().saturating_sub(LISTED);
+    let mut words = names.take(LISTED).collect::<Vec<_>>().join(", ");
+    if more > 0 {
+        words += &format!(" and {more} more");
+    }
+    words
+}
 
 /// Words in the names of joints and links that are no part of an arm.
 const PARTS: [&str; 26] = [
