@@ -159,3 +159,7 @@ impl Candidate {
         Ok(spoke)
     }
 }
+
+#[cfg(test)]
+#[path = "lobby_tests.rs"]
+mod tests;

@@ -6,6 +6,8 @@
 mod controller;
 mod drive;
 mod probe;
+#[cfg(test)]
+pub(super) mod tests;
 
 pub use controller::of_controller;
 pub use drive::of_drive;
