@@ -48,6 +48,7 @@ impl<const N: usize> DriveSession<N> {
             && PERIODS_US.contains(&hello.period_us)
             && limits.iter().all(possible)
             && hello.latency_us <= MOST_LATENCY_US
+            && (hello.motor_kg_m2.is_empty() || hello.motor_kg_m2.len() == N)
             && hello
                 .motor_kg_m2
                 .iter()

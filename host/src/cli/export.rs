@@ -103,11 +103,13 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
     if let Some(remark) = telemetry.remark(run) {
         errln!("spherecal export: {remark}");
     }
-    for file in &exported.torn_telemetry {
+    for torn in &exported.torn_telemetry {
         errln!(
-            "spherecal export: {} ends in the middle of a record, because its program was killed: the telemetry \
-             before that is exported",
-            file.display()
+            "spherecal export: {} ends in the middle of a record, because its program was killed: {} control periods \
+             before that are exported, the last {} bytes are left out",
+            torn.file.display(),
+            torn.read.periods,
+            torn.read.left_out
         );
     }
     Ok(Exit::Done)

@@ -32,7 +32,7 @@ fn cell(folder: &Path) -> PathBuf {
     file
 }
 
-fn measure(folder: &Path, out: &Path, link: &str, resume: bool) -> Child {
+pub(crate) fn measure(folder: &Path, out: &Path, link: &str, resume: bool) -> Child {
     let mut command = Command::new(PROGRAM);
     command.args(["measure", "--json", "--link", link, "--out"]).arg(out);
     if resume {
@@ -49,7 +49,7 @@ fn measure(folder: &Path, out: &Path, link: &str, resume: bool) -> Child {
 
 /// Everything that a database holds of its one run but for the times on the
 /// wall, the numbers that tell hosts apart, and the force traces of contacts.
-fn contents(database: &Path) -> String {
+pub(crate) fn contents(database: &Path) -> String {
     let mut store = SqlStore::open(database).expect("the database is whole");
     let info = store.require_last_run().expect("a run");
     assert_eq!(info.run, 1);
@@ -83,7 +83,7 @@ fn has_run(database: &Path) -> bool {
     database.exists() && SqlStore::open(database).is_ok_and(|mut s| s.last_run().expect("read").is_some())
 }
 
-fn finished(mut child: Child) {
+pub(crate) fn finished(mut child: Child) {
     let mut said = String::new();
     if let Some(stderr) = child.stderr.take() {
         for line in BufReader::new(stderr).lines() {
@@ -104,8 +104,8 @@ fn kill(mut child: Child, rng: &mut ChaCha8Rng, within: Duration) -> bool {
 }
 
 // Fails if after any number of kills the database differs from that of a run
-// that was left alone, if one kill leaves a file that cannot be opened, or if a
-// recording that was stored is lost or changed.
+// that was left alone, if one kill leaves a file that cannot be opened or a run
+// that cannot be exported, or if a recording that was stored is lost or changed.
 #[test]
 #[ignore = "long: scripts/test --long runs it"]
 fn long_kills_at_any_instant_leave_the_database_of_a_run_left_alone() {
@@ -131,6 +131,11 @@ fn long_kills_at_any_instant_leave_the_database_of_a_run_left_alone() {
             let now = recorded(&database);
             assert!(now.starts_with(&stored), "a stored recording is lost or changed");
             stored = now;
+            if has_run(&database) {
+                let run = out.display().to_string();
+                let export = spherecal(folder.path(), &["export", "--csv", "--out", &run]);
+                assert!(export.status.success(), "{}", text(&export.stderr));
+            }
         }
         finished(measure(folder.path(), &out, "sim", has_run(&database)));
         assert!(contents(&database) == expected, "after {killed} kills");

@@ -1,8 +1,11 @@
 //! Steps controller and drive in lock-step.
 
 use spherecal_shared::protocol::PROTOCOL_VERSION;
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, MOST_LATENCY_US, PERIODS_US};
+use spherecal_shared::protocol::drive::{
+    DriveCommand, DriveHello, DriveState, MOST_LATENCY_US, MOST_MOTOR_KG_M2, NO_SESSION, PERIODS_US,
+};
 use spherecal_shared::protocol::frame::LinkCounters;
+use spherecal_shared::robot::JointLimits;
 
 use super::{Controller, Device, Drive, LinkError};
 
@@ -109,8 +112,7 @@ impl Device for LocalDevice {
 /// Checks that this program can work with a drive, for a robot with `joints` joints.
 ///
 /// # Errors
-/// The drive speaks another protocol, has another number of joints, or states a control period that
-/// is out of range.
+/// The first field of the hello that cannot be, with its own remedy.
 pub fn check_hello(hello: &DriveHello, joints: usize) -> Result<(), LinkError> {
     if hello.protocol != PROTOCOL_VERSION {
         return Err(LinkError::Protocol {
@@ -129,10 +131,108 @@ pub fn check_hello(hello: &DriveHello, joints: usize) -> Result<(), LinkError> {
             period_us: hello.period_us,
         });
     }
+    if hello.session == NO_SESSION {
+        return Err(LinkError::NoSession);
+    }
+    for (limits, joint) in hello.limits.iter().zip(1..) {
+        let JointLimits {
+            min_rad,
+            max_rad,
+            velocity_rad_s,
+            torque_nm,
+        } = *limits;
+        for (field, value, above) in [
+            ("the smallest angle in rad", min_rad, f64::NEG_INFINITY),
+            ("the largest angle in rad", max_rad, min_rad),
+            ("the largest speed in rad/s", velocity_rad_s, 0.0),
+            ("the largest torque in N m", torque_nm, 0.0),
+        ] {
+            // NaN fails the comparison.
+            if !(value.is_finite() && value > above) {
+                return Err(LinkError::HelloLimit { joint, field, value });
+            }
+        }
+    }
+    let motors = hello.motor_kg_m2.len();
+    if motors != 0 && motors != joints {
+        return Err(LinkError::MotorCount { found: motors, joints });
+    }
+    for (inertia, joint) in hello.motor_kg_m2.iter().zip(1..) {
+        if !(0.0..=MOST_MOTOR_KG_M2).contains(inertia) {
+            return Err(LinkError::Motor {
+                joint,
+                inertia: *inertia,
+            });
+        }
+    }
     if hello.latency_us > MOST_LATENCY_US {
         return Err(LinkError::Latency {
             latency_us: hello.latency_us,
         });
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    type Change = fn(&mut DriveHello);
+
+    // Fails if a field of a hello that cannot be is accepted, or is told as another field.
+    #[test]
+    fn each_field_of_a_hello_has_its_own_refusal() {
+        let limits = JointLimits {
+            min_rad: -2.9,
+            max_rad: 2.9,
+            velocity_rad_s: 1.5,
+            torque_nm: 100.0,
+        };
+        let good = DriveHello::new(5, [limits; 7]);
+        check_hello(&good, 7).expect("a good one");
+        let motors: Change = |hello| hello.motor_kg_m2 = [0.5; 7].into_iter().collect();
+        let with_motors = {
+            let mut hello = good.clone();
+            motors(&mut hello);
+            hello
+        };
+        check_hello(&with_motors, 7).expect("one inertia for each joint");
+        let cases: [(Change, &str); 11] = [
+            (|hello| hello.protocol = 1, "protocol 1"),
+            (|hello| hello.session = 0, "session 0"),
+            (|hello| hello.limits.truncate(6), "6 joints"),
+            (
+                |hello| hello.limits[2].min_rad = f64::NAN,
+                "joint 3 has the smallest angle in rad NaN",
+            ),
+            (
+                |hello| hello.limits[6].max_rad = -3.0,
+                "joint 7 has the largest angle in rad -3",
+            ),
+            (
+                |hello| hello.limits[0].velocity_rad_s = 0.0,
+                "joint 1 has the largest speed in rad/s 0",
+            ),
+            (
+                |hello| hello.limits[1].torque_nm = f64::INFINITY,
+                "joint 2 has the largest torque in N m inf",
+            ),
+            (|hello| hello.period_us = 500, "500 µs"),
+            (
+                |hello| hello.motor_kg_m2 = [0.5; 3].into_iter().collect(),
+                "3 inertias of motors",
+            ),
+            (
+                |hello| hello.motor_kg_m2 = [0.5, 0.5, 0.5, 51.0, 0.5, 0.5, 0.5].into_iter().collect(),
+                "motor of joint 4",
+            ),
+            (|hello| hello.latency_us = 5001, "5001 µs"),
+        ];
+        for (change, words) in cases {
+            let mut hello = good.clone();
+            change(&mut hello);
+            let said = check_hello(&hello, 7).expect_err(words).to_string();
+            assert!(said.contains(words), "{words}: {said}");
+        }
+    }
 }

@@ -89,6 +89,47 @@ pub enum LinkError {
         /// Its period, in µs.
         period_us: u32,
     },
+    /// The drive's hello has the number of no session.
+    #[error(
+        "the drive's hello has session 0, which asks for a hello: number the sessions of the drive, with another number \
+         after each start (docs/drive-link.md)"
+    )]
+    NoSession,
+    /// A limit of the drive's hello cannot be.
+    #[error(
+        "joint {joint} has {field} {value} in the drive's hello: give finite limits, a range that is not empty, and a \
+         largest speed and torque above 0, in rad, rad/s and N m (docs/drive-link.md)"
+    )]
+    HelloLimit {
+        /// Joint, from 1.
+        joint: usize,
+        /// Which limit, with its unit.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// The drive's hello has inertias for some of its joints.
+    #[error(
+        "the drive's hello has {found} inertias of motors for {joints} joints (motor_kg_m2): give one for each joint, or \
+         none where the drive's own torque loop hides the motors"
+    )]
+    MotorCount {
+        /// How many.
+        found: usize,
+        /// Joints of the robot.
+        joints: usize,
+    },
+    /// The inertia of a motor in the drive's hello cannot be.
+    #[error(
+        "the motor of joint {joint} has {inertia} kg m² in the drive's hello (motor_kg_m2): give its inertia seen at the \
+         joint, from 0 to 50 kg m²"
+    )]
+    Motor {
+        /// Joint, from 1.
+        joint: usize,
+        /// Its inertia, in kg m².
+        inertia: f64,
+    },
     /// The drive answers too late.
     #[error(
         "the drive's delay is {latency_us} µs (latency_us of its handshake), more than 5000 µs: no gains are safe \

@@ -18,6 +18,7 @@
 //! Everyone who may use a robot's services may move the robot. So beyond loopback a server does not
 //! start without TLS and a token ([`Guard`]).
 
+mod budget;
 mod error;
 #[cfg(feature = "grpc")]
 pub mod grpc;
@@ -25,6 +26,7 @@ mod guard;
 mod listen;
 pub mod live;
 mod offer;
+mod responses;
 #[cfg(feature = "grpc")]
 mod serve;
 mod server;
@@ -41,3 +43,6 @@ pub use server::Server;
 
 /// A store that several requests work with, one at a time.
 pub type SharedStore = Arc<Mutex<Box<dyn CalibrationStore>>>;
+
+#[cfg(test)]
+mod budget_tests;

@@ -1,7 +1,7 @@
 //! Accepts connections within bounds, in front of the web page and the services.
 //!
-//! A server has few honest clients. It keeps at most [`MOST`] connections open, and at most
-//! [`MOST_OF_ONE_ADDRESS`] of one address on the network. When one more arrives, a connection is
+//! A server has few honest clients. It keeps at most [`CONNECTIONS`] connections open, and at most
+//! [`CONNECTIONS_OF_ONE_ADDRESS`] of one address on the network. When one more arrives, a connection is
 //! closed: first those that sent no complete request within [`LATE`], then the one that has been
 //! silent longest. So idle connections cannot lock out a client. A connection that sends no
 //! complete request within [`FIRST_REQUEST`] is always closed.
@@ -21,15 +21,9 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::oneshot;
 
-/// Most connections at one time. Together with the limits of one connection this limits the memory
-/// of a server.
-pub(crate) const MOST: usize = 128;
-/// Most connections of one address beyond loopback.
-const MOST_OF_ONE_ADDRESS: usize = 32;
-/// Time within which a connection must send its first complete request, TLS handshake included.
-const FIRST_REQUEST: Duration = Duration::from_secs(10);
-/// Time after which a connection without a complete request is closed first.
-const LATE: Duration = Duration::from_secs(1);
+use crate::budget::{CONNECTIONS, CONNECTIONS_OF_ONE_ADDRESS, FIRST_REQUEST, LATE};
+use crate::responses::Responses;
+
 /// Connections that may wait to be accepted. Where more wait, the system drops the next one, and its client tries
 /// again only after a second. The system may have a lower limit (`net.core.somaxconn`).
 const WAITING: u32 = 4096;
@@ -44,6 +38,8 @@ struct OpenConnection {
     last_ms: AtomicU64,
     /// Whether a whole request has come.
     proven: AtomicBool,
+    /// Responses of the whole server that wait to be read.
+    responses: Arc<Responses>,
     /// Closes the connection when it is dropped.
     close: Mutex<Option<oneshot::Sender<()>>>,
 }
@@ -83,8 +79,8 @@ impl Open {
         open.retain(|e| e.is_open());
         let own = |e: &OpenConnection| e.peer == entry.peer;
         let of_peer = open.iter().filter(|e| own(e)).count();
-        let crowded = !entry.peer.is_loopback() && of_peer >= MOST_OF_ONE_ADDRESS;
-        if crowded || open.len() >= MOST {
+        let crowded = !entry.peer.is_loopback() && of_peer >= CONNECTIONS_OF_ONE_ADDRESS;
+        if crowded || open.len() >= CONNECTIONS {
             let least = (0..open.len())
                 .filter(|&k| !crowded || own(&open[k]))
                 .min_by_key(|&k| (!open[k].is_late(), open[k].last()));
@@ -128,6 +124,7 @@ pub(crate) fn bound(address: SocketAddr) -> io::Result<TcpListener> {
 pub(crate) struct Listener {
     socket: TcpListener,
     open: Arc<Open>,
+    responses: Arc<Responses>,
     /// Ends with the listener.
     sweeper: tokio::task::JoinHandle<()>,
 }
@@ -136,16 +133,19 @@ impl Listener {
     /// Limits a listener; must be called within a runtime.
     pub(crate) fn new(listener: TcpListener) -> Self {
         let open = Arc::new(Open::default());
-        let swept = Arc::clone(&open);
+        let responses = Arc::new(Responses::default());
+        let (swept, unread) = (Arc::clone(&open), Arc::clone(&responses));
         let sweeper = tokio::spawn(async move {
             loop {
                 tokio::time::sleep(Duration::from_secs(1)).await;
                 swept.sweep();
+                unread.sweep();
             }
         });
         Self {
             socket: listener,
             open,
+            responses,
             sweeper,
         }
     }
@@ -174,6 +174,7 @@ impl Listener {
             opened: Instant::now(),
             last_ms: AtomicU64::new(0),
             proven: AtomicBool::new(false),
+            responses: Arc::clone(&self.responses),
             close: Mutex::new(Some(close)),
         });
         self.open.admit(&entry);
@@ -223,6 +224,13 @@ impl axum::serve::Listener for Listener {
 /// Marks the connection of a request as one that sends requests.
 #[derive(Clone)]
 pub(crate) struct Proof(Arc<OpenConnection>);
+
+impl Proof {
+    /// Closes the connection.
+    pub(crate) fn close(&self) {
+        self.0.close();
+    }
+}
 
 /// A connection that can be closed from outside, with the time of its last byte.
 pub(crate) struct Connection {
@@ -312,17 +320,26 @@ impl axum::extract::connect_info::Connected<axum::serve::IncomingStream<'_, List
     }
 }
 
-/// Records that the connection has sent a complete request.
+/// Records that the connection has sent a complete request, and limits the time for which its response may wait to be
+/// read.
 pub(crate) async fn note_request(request: Request, next: Next) -> Response {
     #[cfg(feature = "grpc")]
-    let proof = request.extensions().get::<Proof>();
+    let proof = request.extensions().get::<Proof>().cloned();
     #[cfg(not(feature = "grpc"))]
     let proof = request
         .extensions()
         .get::<axum::extract::ConnectInfo<Proof>>()
-        .map(|info| &info.0);
-    if let Some(Proof(entry)) = proof {
-        entry.proven.store(true, Ordering::Relaxed);
+        .map(|info| info.0.clone());
+    let Some(proof) = proof else {
+        return next.run(request).await;
+    };
+    proof.0.proven.store(true, Ordering::Relaxed);
+    // Every answer of the store is one message. The other services send for as long as their client listens, and
+    // files, which have a dot in their name too, are in the program itself.
+    let ends = !request.uri().path().contains('.') || request.uri().path().contains(".CalibrationStore/");
+    let response = next.run(request).await;
+    match ends {
+        true => Arc::clone(&proof.0.responses).hold(response, proof),
+        false => response,
     }
-    next.run(request).await
 }

@@ -12,6 +12,7 @@ use tokio::task::JoinHandle;
 use tonic::service::{InterceptorLayer, Routes, RoutesBuilder};
 use tonic::transport::{Identity, ServerTlsConfig};
 
+use crate::budget::{HEADERS, SILENCE, STREAMS, TURN_BYTES, WINDOW};
 use crate::grpc::proto::calibration_store_server::CalibrationStoreServer;
 use crate::grpc::proto::laser_tracker_server::LaserTrackerServer;
 use crate::grpc::proto::live_view_server::LiveViewServer;
@@ -20,15 +21,6 @@ use crate::grpc::{DESCRIPTORS, LiveService, MAX_LIVE, MAX_MESSAGE, RobotService,
 use crate::listen::{self, Listener};
 use crate::offer::Offer;
 use crate::{Guard, ServiceError, web};
-
-/// Most streams of one connection at one time.
-const STREAMS: u32 = 32;
-/// Bytes that one connection may have sent and nobody has read yet.
-const WINDOW: u32 = 256 * 1024;
-/// Most bytes of the headers of one request.
-const HEADERS: u32 = 16 * 1024;
-/// Time after which a silent client is asked whether it lives, and time for its answer.
-const SILENCE: std::time::Duration = std::time::Duration::from_secs(20);
 
 /// Serves what is offered until it is stopped.
 pub(crate) async fn serve(
@@ -87,7 +79,7 @@ async fn routes(offer: Offer, guard: Guard) -> Result<Routes, ServiceError> {
         health_reporter
             .set_serving::<RobotControllerServer<RobotService>>()
             .await;
-        services.add_service(service.max_decoding_message_size(MAX_MESSAGE));
+        services.add_service(service.max_decoding_message_size(TURN_BYTES));
     }
     if let Some((make, sigma_m)) = offer.tracker {
         health_reporter

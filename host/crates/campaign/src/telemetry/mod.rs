@@ -25,7 +25,7 @@ mod writer;
 pub use contact::{ContactTrace, ContactTracer};
 pub use files::{RunKey, files_of_run, files_without_run};
 pub use quaternion::Quaternion;
-pub use reader::{Period, Recorded, TelemetryReader};
+pub use reader::{Period, Recorded, TelemetryReader, Torn};
 pub use recorder::TelemetryRecorder;
 pub use scene::DrawnArm;
 pub use utc::Moment;

@@ -70,18 +70,39 @@ const END: &[u8] = mcap::MAGIC;
 /// message on a topic that this program does not write is skipped. Every chunk is
 /// compared with its checksum before its first message is read.
 ///
-/// A file whose writer was killed ends in the middle of a record. Its whole chunks
-/// are read, and then [`is_torn`](Self::is_torn) says so. Any other damage is an
-/// error.
+/// A file whose writer was killed ends in the middle of a record, or with an open chunk, whose length is not
+/// known yet. Its whole chunks are read, and then [`torn`](Self::torn) counts them. Any other damage is an error.
 pub struct TelemetryReader<'a> {
     rest: &'a [u8],
     records: LinearReader,
     channels: ChannelAccumulator<'static>,
-    /// Whether the file ends as a whole one does.
-    closed: bool,
     period: Option<Period>,
     ended: bool,
-    torn: bool,
+    torn: Option<Torn>,
+}
+
+/// What is read of a file whose writer was killed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Torn {
+    /// Control periods.
+    pub periods: u64,
+    /// Bytes at the end that are left out: they have no checksum yet.
+    pub left_out: usize,
+}
+
+/// The bytes of a file up to the end of its last whole record. A chunk that its writer has not closed has the
+/// largest length: the writer puts the length in at the end.
+fn whole_records(bytes: &[u8]) -> usize {
+    const HEAD: usize = 9;
+    let mut at = mcap::MAGIC.len();
+    while let Some([_, length @ ..]) = bytes.get(at..).and_then(|rest| rest.first_chunk::<HEAD>()) {
+        let end = usize::try_from(u64::from_le_bytes(*length)).ok();
+        match end.and_then(|length| length.checked_add(at + HEAD)) {
+            Some(end) if end <= bytes.len() => at = end,
+            _ => break,
+        }
+    }
+    at
 }
 
 /// A message with the topic of its channel.
@@ -100,23 +121,28 @@ impl<'a> TelemetryReader<'a> {
         if !bytes.starts_with(mcap::MAGIC) {
             return Err(TelemetryError::NotMcap(McapError::BadMagic));
         }
+        let closed = bytes.len() >= 2 * END.len() && bytes.ends_with(END);
+        let whole = if closed { bytes.len() } else { whole_records(bytes) };
         let options = LinearReaderOptions::default()
             .with_record_length_limit(LONGEST_RECORD)
             .with_prevalidate_chunk_crcs(true)
             .with_validate_data_section_crc(true);
         Ok(Self {
-            rest: bytes,
+            rest: bytes.get(..whole).unwrap_or(bytes),
             records: LinearReader::new_with_options(options),
             channels: ChannelAccumulator::default(),
-            closed: bytes.len() >= 2 * END.len() && bytes.ends_with(END),
             period: None,
             ended: false,
-            torn: false,
+            torn: (!closed).then_some(Torn {
+                periods: 0,
+                left_out: bytes.len() - whole,
+            }),
         })
     }
 
-    /// Whether the file ended in the middle of a record. Known after the last period.
-    pub fn is_torn(&self) -> bool {
+    /// What was read, if the file ended in the middle of a record; `None` if it is whole. Known after the last
+    /// period.
+    pub fn torn(&self) -> Option<Torn> {
         self.torn
     }
 
@@ -206,8 +232,8 @@ impl Iterator for TelemetryReader<'_> {
             let taken = match self.message() {
                 Ok(Some(message)) => self.take(&message),
                 // The last period may lack messages: it is left out.
-                Err(McapError::UnexpectedEof) if !self.closed => {
-                    (self.ended, self.torn) = (true, true);
+                Err(McapError::UnexpectedEof) if self.torn.is_some() => {
+                    self.ended = true;
                     return None;
                 }
                 Err(error) => Err(TelemetryError::NotMcap(error)),
@@ -218,7 +244,12 @@ impl Iterator for TelemetryReader<'_> {
             };
             match taken {
                 Ok(None) => {}
-                Ok(Some(period)) => return Some(Ok(period)),
+                Ok(Some(period)) => {
+                    if let Some(torn) = &mut self.torn {
+                        torn.periods += 1;
+                    }
+                    return Some(Ok(period));
+                }
                 Err(error) => {
                     self.ended = true;
                     return Some(Err(error));
@@ -242,6 +273,13 @@ mod tests {
     const DAY_NS: u64 = 1_800_000_000_000_000_000;
 
     fn written(samples: &[(u64, Sample)]) -> Vec<u8> {
+        written_by(samples, |writer| writer.finish().expect("finished"))
+    }
+
+    fn written_by(
+        samples: &[(u64, Sample)],
+        end: impl FnOnce(TelemetryWriter<&mut std::io::Cursor<Vec<u8>>>),
+    ) -> Vec<u8> {
         let model = spherecal_model::robots::built_in("ur5e").expect("built in");
         let arm = DrawnArm::new(&model, &model.tool_in_table());
         let mut bytes = std::io::Cursor::new(Vec::new());
@@ -250,7 +288,7 @@ mod tests {
             let utc_ns = DAY_NS + 1000 * device_us;
             writer.write(Moment { utc_ns, device_us }, &sample).expect("written");
         }
-        writer.finish().expect("finished");
+        end(writer);
         bytes.into_inner()
     }
 
@@ -303,9 +341,9 @@ mod tests {
         assert_eq!(frames, [8]);
     }
 
-    /// Samples of some seconds, in several chunks.
-    fn long() -> Vec<u8> {
-        let samples: Vec<(u64, Sample)> = (0..2500u32)
+    /// So many samples, one each ms.
+    fn samples(count: u32) -> Vec<(u64, Sample)> {
+        (0..count)
             .map(|k| {
                 let sample = Sample {
                     q: [k as f32 * 1e-3; MAX_JOINTS],
@@ -313,8 +351,12 @@ mod tests {
                 };
                 (u64::from(k) * 1000, sample)
             })
-            .collect();
-        written(&samples)
+            .collect()
+    }
+
+    /// Samples of some seconds, in several chunks.
+    fn long() -> Vec<u8> {
+        written(&samples(2500))
     }
 
     fn read(bytes: &[u8]) -> (Result<Vec<Period>, TelemetryError>, bool) {
@@ -323,7 +365,7 @@ mod tests {
             Err(error) => return (Err(error), false),
         };
         let periods = reader.by_ref().collect();
-        (periods, reader.is_torn())
+        (periods, reader.torn().is_some())
     }
 
     // Fails if the whole chunks of a file whose writer was killed are not read, or if such a file
@@ -342,6 +384,25 @@ mod tests {
         }
         let (other, _) = read(b"no MCAP");
         assert!(other.expect_err("refused").to_string().contains("mcap recover"));
+    }
+
+    // Fails if the file of a writer that was killed is refused, because its last chunk is open, if a whole chunk of
+    // it is not read, or if what is left out is not counted.
+    #[test]
+    fn a_file_with_an_open_chunk_is_read_to_its_last_whole_chunk() {
+        let (all, _) = read(&long());
+        let all = all.expect("readable");
+        for count in [3, 2500] {
+            // As a kill: nothing is closed.
+            let bytes = written_by(&samples(count), |writer| std::mem::forget(writer));
+            let mut reader = TelemetryReader::new(&bytes).expect("MCAP");
+            let periods: Vec<Period> = reader.by_ref().collect::<Result<_, _>>().expect("readable");
+            let torn = reader.torn().expect("torn");
+            assert_eq!(torn.periods, periods.len() as u64);
+            assert!(torn.left_out > 0 && torn.left_out < bytes.len(), "{torn:?}");
+            assert_eq!(periods, all[..periods.len()]);
+            assert_eq!(periods.is_empty(), count == 3, "{} periods", periods.len());
+        }
     }
 
     // Fails if a flipped bit of a whole file ends the program, takes all memory, or changes a

@@ -4,35 +4,38 @@
 //! joints, limits and period. After that the connection carries the bytes of the host link. Each
 //! side ends its part of every period with an end mark (a zero byte with no frame before it).
 //!
-//! A host that sends bytes and no valid frame for 5 s, a turn without end, or a turn in parts for 5 s
-//! is disconnected. In real time so is one that sends no valid frame for 5 s, or that does not read. In
-//! lock-step a host may be silent, because nothing moves; it gives way to another one after 5 s.
+//! A host earns its place by a valid frame; hosts that connect meanwhile are greeted, and the first of them that sends one
+//! takes the place of a host that has not. A host that sends bytes and no valid frame for 5 s, a turn without end, or a
+//! turn in parts for 5 s is disconnected; end marks alone are no valid frame. In real time so is one that sends no valid
+//! frame for 5 s, or that does not read. In lock-step a host that has earned its place may be silent, because nothing
+//! moves; after 5 s it gives way to another one that sends a frame.
 
 use std::io::{ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::net::{TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
 use spherecal_shared::protocol::frame::{self, MAX_FRAME};
 
 use super::TcpError;
+use super::lobby::{Candidate, Lobby, Look};
 use super::progress::{FrameWatch, NO_FRAME};
 use super::turns::Turns;
 use crate::{Device, LinkError, LocalDevice};
 
-/// Bytes that may wait for a host in real time. A host that falls behind further is disconnected.
-const BACKLOG: usize = 1 << 20;
-/// Bytes of a host that the controller takes in one period; further bytes wait.
-const DOWN: usize = 4 * MAX_FRAME;
-/// Bytes that the controller sends in one period, with room to spare.
-const UP: usize = 16 * MAX_FRAME;
+pub use super::real_time_hosts::HostService;
+
 /// How long a host in real time may be silent, and one in lock-step if another one waits.
-const SILENT: Duration = Duration::from_secs(5);
+pub(super) const SILENT: Duration = Duration::from_secs(5);
 /// How long a host in lock-step may take to read.
 const READ: Duration = Duration::from_secs(5);
 /// How often a silent host in lock-step is looked after.
 const LOOK: Duration = Duration::from_millis(250);
+/// How often those who wait are looked after while no host is served.
+const IDLE: Duration = Duration::from_millis(5);
+/// What the peers are called.
+pub(super) const WHO: &str = "the host";
 
-/// Serves one host after the other; with `once` it returns when the first that has sent anything has disconnected. `told`
+/// Serves one host after the other; with `once` it returns when the first that got the place has disconnected. `told`
 /// is given the reason for which a host was disconnected.
 ///
 /// In lock-step nothing moves while no host is connected. In real time the controller keeps running
@@ -61,25 +64,22 @@ fn serve(
     silent: Option<Duration>,
     told: &mut dyn FnMut(&TcpError),
 ) -> Result<(), LinkError> {
-    let failed = |e| TcpError::of("the host link", e);
     if cell.hello().lock_step {
+        let mut lobby = Lobby::new(WHO);
         let mut next = None;
         loop {
-            let (stream, address) = if let Some(waited) = next.take() {
-                waited
-            } else {
-                listener.set_nonblocking(false).map_err(failed)?;
-                listener.accept().map_err(failed)?
+            let candidate = match next.take() {
+                Some(candidate) => candidate,
+                None if silent.is_none() => own_host(cell, listener)?,
+                None => speaking_host(cell, &mut lobby, listener, told)?,
             };
-            listener.set_nonblocking(true).map_err(failed)?;
-            let mut host = TurnHost::new(stream, address, silent);
-            let left = host.serve(cell, listener)?;
+            let mut host = TurnHost::new(candidate, silent);
+            let left = host.serve(cell, &mut lobby, listener)?;
             next = left.next;
             if let Some(reason) = left.reason {
                 told(&reason);
             }
-            // The host of this process ends the service even if it has said nothing.
-            if once && (host.spoke || silent.is_none()) {
+            if once {
                 return Ok(());
             }
         }
@@ -96,79 +96,50 @@ fn serve(
     }
 }
 
-/// Serves one host after the other in real time, one control period at a time. While no host is connected, and whatever
-/// a host does, each period is carried out. Apart from a host that connects or is disconnected, a period allocates
-/// nothing here.
-pub struct HostService<'a> {
-    listener: &'a TcpListener,
-    host: Option<Host>,
-    silent: Option<Duration>,
-    reason: Option<TcpError>,
-    down: Vec<u8>,
-    up: Vec<u8>,
+/// The host of this process, which is greeted and may say nothing.
+fn own_host(cell: &LocalDevice, listener: &TcpListener) -> Result<Candidate, LinkError> {
+    let failed = |e| TcpError::of(WHO, e);
+    listener.set_nonblocking(false).map_err(failed)?;
+    let (mut stream, address) = listener.accept().map_err(failed)?;
+    stream.set_nodelay(true).map_err(failed)?;
+    stream.write_all(&hello_frame(cell)?).map_err(failed)?;
+    Ok(Candidate::new(stream, address))
 }
 
-impl<'a> HostService<'a> {
-    /// No host is connected yet. A host that sends no valid frame for 5 s is disconnected.
-    ///
-    /// # Errors
-    /// The listener fails.
-    pub fn new(listener: &'a TcpListener) -> Result<Self, LinkError> {
-        Self::with_patience(listener, Some(SILENT))
-    }
-
-    fn with_patience(listener: &'a TcpListener, silent: Option<Duration>) -> Result<Self, LinkError> {
-        listener
-            .set_nonblocking(true)
-            .map_err(|e| TcpError::of("the host link", e))?;
-        Ok(Self {
-            listener,
-            host: None,
-            silent,
-            reason: None,
-            down: Vec::with_capacity(DOWN + MAX_FRAME),
-            up: Vec::with_capacity(UP),
-        })
-    }
-
-    /// Why the last host was disconnected, once; `None` if it disconnected by itself.
-    pub fn reason(&mut self) -> Option<TcpError> {
-        self.reason.take()
-    }
-
-    /// One control period. Returns whether a host has disconnected that had sent anything: one that has not only looked
-    /// whether the controller is there. The host of this process counts always.
-    ///
-    /// # Errors
-    /// The cell fails, or the listener fails.
-    pub fn turn(&mut self, cell: &mut LocalDevice) -> Result<bool, LinkError> {
-        if self.host.is_none() {
-            match self.listener.accept() {
-                Ok((stream, address)) => self.host = Host::handshake(cell, stream, address, self.silent).ok(),
-                Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
-                Err(e) => return Err(TcpError::of("the host link", e).into()),
-            }
+/// Waits for a host that sends something: a valid frame, or else anything.
+fn speaking_host(
+    cell: &LocalDevice,
+    lobby: &mut Lobby,
+    listener: &TcpListener,
+    told: &mut dyn FnMut(&TcpError),
+) -> Result<Candidate, LinkError> {
+    let greeting = hello_frame(cell)?;
+    loop {
+        match lobby.look(listener, &greeting)? {
+            Look::Spoke(candidate) => return Ok(candidate),
+            Look::Left(Some(reason)) => told(&reason),
+            Look::Left(None) => {}
+            Look::Nothing => match lobby.first_that_sent() {
+                Some(candidate) => return Ok(candidate),
+                None => std::thread::sleep(IDLE),
+            },
         }
-        self.down.clear();
-        self.up.clear();
-        let mut left = self.host.as_mut().and_then(|host| host.read(&mut self.down).err());
-        cell.step(&self.down, &mut self.up)?;
-        if let Some(host) = self.host.as_mut().filter(|_| left.is_none()) {
-            left = host.write(&self.up).err();
-        }
-        let Some(reason) = left else {
-            return Ok(false);
-        };
-        let spoke = self.host.take().is_some_and(|host| host.spoke);
-        self.reason = Some(reason).filter(|reason| !reason.is_closed());
-        Ok(spoke || self.silent.is_none())
+    }
+}
+
+/// The reason of a host that gave way.
+pub(super) fn gives_way(peer: &str, heard: Instant) -> TcpError {
+    TcpError::Gone {
+        peer: peer.to_owned(),
+        what: "it gives way to another host",
+        seconds: heard.elapsed().as_secs(),
     }
 }
 
 /// The drive's hello, framed for the host.
-fn hello_frame(cell: &LocalDevice) -> std::io::Result<Vec<u8>> {
+pub(super) fn hello_frame(cell: &LocalDevice) -> Result<Vec<u8>, TcpError> {
     let mut bytes = vec![0; MAX_FRAME];
-    let length = frame::encode(cell.hello(), 0, cell.now_us(), &mut bytes).map_err(std::io::Error::other)?;
+    let length = frame::encode(cell.hello(), 0, cell.now_us(), &mut bytes)?;
     bytes.truncate(length);
     Ok(bytes)
 }
@@ -180,12 +151,12 @@ struct TurnHost {
     silent: Option<Duration>,
     turns: Turns,
     watch: FrameWatch,
-    /// When the last turn was complete, or else the last byte came.
+    /// When the last valid frame came.
     heard: Instant,
     /// Since when a turn has been incomplete.
     begun: Option<Instant>,
-    /// Whether a byte came from it.
-    spoke: bool,
+    /// Whether a valid frame came from it.
+    proven: bool,
 }
 
 /// How a host in lock-step left.
@@ -194,7 +165,7 @@ struct Left {
     /// Why it was disconnected; `None` if it disconnected.
     reason: Option<TcpError>,
     /// Another host, to which it gave way.
-    next: Option<(TcpStream, SocketAddr)>,
+    next: Option<Candidate>,
 }
 
 impl From<TcpError> for Left {
@@ -207,34 +178,37 @@ impl From<TcpError> for Left {
 }
 
 impl TurnHost {
-    fn new(stream: TcpStream, address: SocketAddr, silent: Option<Duration>) -> Self {
+    fn new(candidate: Candidate, silent: Option<Duration>) -> Self {
+        let mut turns = Turns::default();
+        turns.push(&candidate.bytes);
         Self {
-            stream,
-            peer: format!("the host at {address}"),
+            stream: candidate.stream,
+            peer: format!("{WHO} at {}", candidate.address),
             silent,
-            turns: Turns::default(),
+            turns,
             watch: FrameWatch::default(),
             heard: Instant::now(),
             begun: None,
-            spoke: false,
+            proven: silent.is_none(),
         }
     }
 
-    fn serve(&mut self, cell: &mut LocalDevice, listener: &TcpListener) -> Result<Left, LinkError> {
-        let sent = self
+    fn serve(&mut self, cell: &mut LocalDevice, lobby: &mut Lobby, listener: &TcpListener) -> Result<Left, LinkError> {
+        let set = self
             .stream
             .set_nonblocking(false)
-            .and_then(|()| self.stream.set_nodelay(true))
             .and_then(|()| self.stream.set_write_timeout(Some(READ)))
-            .and_then(|()| self.stream.set_read_timeout(Some(LOOK)))
-            .and_then(|()| self.stream.write_all(&hello_frame(cell)?));
-        if let Err(error) = sent {
+            .and_then(|()| self.stream.set_read_timeout(Some(LOOK)));
+        if let Err(error) = set {
             return Ok(self.broken(error).into());
         }
+        let greeting = hello_frame(cell)?;
         let (mut up, mut buffer) = (Vec::new(), vec![0; 4 * MAX_FRAME]);
         loop {
             while let Some(down) = self.turns.next() {
-                self.watch.look(down);
+                if self.watch.look(down) {
+                    (self.heard, self.proven) = (Instant::now(), true);
+                }
                 if let Err(reason) = self.watch.progress.check(&self.peer) {
                     return Ok(reason.into());
                 }
@@ -244,32 +218,43 @@ impl TurnHost {
                 if let Err(error) = self.stream.write_all(&up) {
                     return Ok(self.broken(error).into());
                 }
-                // The drive may have taken any time.
-                (self.heard, self.begun) = (Instant::now(), None);
+                self.begun = None;
             }
-            match self.read(&mut buffer) {
-                Ok(true) => {}
-                Ok(false) => {
-                    let waits = self.silent.is_some_and(|most| self.heard.elapsed() >= most);
-                    if let Some(next) = waits.then(|| listener.accept().ok()).flatten() {
-                        return Ok(Left {
-                            reason: Some(TcpError::Gone {
-                                peer: self.peer.clone(),
-                                what: "it gives way to another host",
-                                seconds: self.heard.elapsed().as_secs(),
-                            }),
-                            next: Some(next),
-                        });
-                    }
-                }
-                Err(reason) => return Ok(reason.into()),
+            if let Some(left) = self.gives_way(lobby, listener, &greeting)? {
+                return Ok(left);
+            }
+            if let Err(reason) = self.read(&mut buffer) {
+                return Ok(reason.into());
             }
         }
     }
 
-    /// Reads what comes next; whether anything came.
-    fn read(&mut self, buffer: &mut [u8]) -> Result<bool, TcpError> {
-        let came = match self.stream.read(buffer) {
+    /// Whether it gives way to another host, or to nobody: one that has sent no valid frame earns no place.
+    fn gives_way(&self, lobby: &mut Lobby, listener: &TcpListener, greeting: &[u8]) -> Result<Option<Left>, LinkError> {
+        let Some(most) = self.silent else { return Ok(None) };
+        let is_silent = self.heard.elapsed() >= most;
+        if self.proven && !is_silent {
+            return Ok(None);
+        }
+        if let Look::Spoke(next) = lobby.look(listener, greeting)? {
+            return Ok(Some(Left {
+                reason: Some(gives_way(&self.peer, self.heard)),
+                next: Some(next),
+            }));
+        }
+        Ok((!self.proven && is_silent).then(|| {
+            TcpError::Gone {
+                peer: self.peer.clone(),
+                what: "a host earns its place by a valid frame",
+                seconds: self.heard.elapsed().as_secs(),
+            }
+            .into()
+        }))
+    }
+
+    /// Reads what comes next, for a while.
+    fn read(&mut self, buffer: &mut [u8]) -> Result<(), TcpError> {
+        match self.stream.read(buffer) {
             Ok(0) => {
                 return Err(TcpError::Closed {
                     peer: self.peer.clone(),
@@ -277,15 +262,15 @@ impl TurnHost {
             }
             Ok(count) => {
                 self.turns.push(buffer.get(..count).unwrap_or_default());
-                self.spoke = true;
                 self.turns.check(&self.peer)?;
-                self.heard = Instant::now();
-                true
             }
-            Err(e) if matches!(e.kind(), ErrorKind::Interrupted) => true,
-            Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => false,
+            Err(e)
+                if matches!(
+                    e.kind(),
+                    ErrorKind::Interrupted | ErrorKind::WouldBlock | ErrorKind::TimedOut
+                ) => {}
             Err(e) => return Err(TcpError::of(&self.peer, e)),
-        };
+        }
         if self.turns.waiting() > 0 {
             let begun = *self.begun.get_or_insert_with(Instant::now);
             if begun.elapsed() >= NO_FRAME {
@@ -295,7 +280,7 @@ impl TurnHost {
                 });
             }
         }
-        Ok(came)
+        Ok(())
     }
 
     fn broken(&self, error: std::io::Error) -> TcpError {
@@ -312,109 +297,4 @@ fn broken(peer: &str, error: std::io::Error) -> TcpError {
         };
     }
     TcpError::of(peer, error)
-}
-
-/// A host in real time. Nothing waits for it.
-struct Host {
-    stream: TcpStream,
-    peer: String,
-    silent: Option<Duration>,
-    backlog: Vec<u8>,
-    watch: FrameWatch,
-    heard: Instant,
-    /// Since when the backlog has not become shorter.
-    stuck: Option<Instant>,
-    /// Whether a byte came from it.
-    spoke: bool,
-}
-
-impl Host {
-    fn handshake(
-        cell: &LocalDevice,
-        mut stream: TcpStream,
-        address: SocketAddr,
-        silent: Option<Duration>,
-    ) -> std::io::Result<Self> {
-        stream.set_nonblocking(false)?;
-        stream.set_nodelay(true)?;
-        stream.set_write_timeout(Some(Duration::from_millis(1)))?;
-        stream.write_all(&hello_frame(cell)?)?;
-        stream.set_nonblocking(true)?;
-        Ok(Self {
-            stream,
-            backlog: Vec::with_capacity(BACKLOG + UP + 1),
-            peer: format!("the host at {address}"),
-            silent,
-            watch: FrameWatch::default(),
-            heard: Instant::now(),
-            stuck: None,
-            spoke: false,
-        })
-    }
-
-    fn read(&mut self, down: &mut Vec<u8>) -> Result<(), TcpError> {
-        let mut buffer = [0; MAX_FRAME];
-        while down.len() < DOWN {
-            match self.stream.read(&mut buffer) {
-                Ok(0) => {
-                    return Err(TcpError::Closed {
-                        peer: self.peer.clone(),
-                    });
-                }
-                Ok(count) => {
-                    self.spoke = true;
-                    down.extend_from_slice(buffer.get(..count).unwrap_or_default());
-                }
-                Err(e) if e.kind() == ErrorKind::WouldBlock => break,
-                Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                Err(e) => return Err(TcpError::of(&self.peer, e)),
-            }
-        }
-        if self.watch.look(down) {
-            self.heard = Instant::now();
-        }
-        self.watch.progress.check(&self.peer)?;
-        let noisy = self.watch.progress.left().is_some();
-        if !noisy && self.silent.is_some_and(|most| self.heard.elapsed() >= most) {
-            return Err(TcpError::Gone {
-                peer: self.peer.clone(),
-                what: "the controller holds the arm and waits for another host",
-                seconds: self.heard.elapsed().as_secs(),
-            });
-        }
-        Ok(())
-    }
-
-    fn write(&mut self, up: &[u8]) -> Result<(), TcpError> {
-        self.backlog.extend_from_slice(up);
-        self.backlog.push(0);
-        while !self.backlog.is_empty() {
-            match self.stream.write(&self.backlog) {
-                Ok(0) => {
-                    return Err(TcpError::Closed {
-                        peer: self.peer.clone(),
-                    });
-                }
-                Ok(count) => {
-                    drop(self.backlog.drain(..count));
-                    self.stuck = None;
-                }
-                Err(e) if e.kind() == ErrorKind::WouldBlock => break,
-                Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                Err(e) => return Err(TcpError::of(&self.peer, e)),
-            }
-        }
-        if self.backlog.is_empty() {
-            return Ok(());
-        }
-        let stuck = self.stuck.get_or_insert_with(Instant::now).elapsed();
-        let hangs = self.silent.is_some_and(|most| stuck >= most);
-        if hangs || self.backlog.len() > BACKLOG {
-            return Err(TcpError::Deaf {
-                peer: self.peer.clone(),
-                seconds: stuck.as_secs(),
-            });
-        }
-        Ok(())
-    }
 }

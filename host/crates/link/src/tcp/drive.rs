@@ -9,7 +9,7 @@ use spherecal_shared::timing::PeriodWatch;
 
 use super::TcpError;
 use super::progress::Rate;
-use super::wire::Wire;
+use super::wire::{Parsed, Wire};
 use crate::{Drive, LinkError};
 
 /// How long a drive may take to send its hello.
@@ -120,32 +120,61 @@ impl TcpDrive {
         self.wire.send(command, time_us)
     }
 
+    /// The next state; `None` when none came in time. The hello of the session may come once more.
+    fn next_state(&mut self) -> Result<Option<DriveState>, TcpError> {
+        loop {
+            match self.wire.receive::<DriveState>()? {
+                None => return Ok(None),
+                Some(Parsed::Message(_, state)) => return Ok(Some(state)),
+                // One that changes something else than the number is ignored, too.
+                Some(Parsed::Hello(hello)) if hello.session == self.hello.session => {}
+                Some(Parsed::Hello(hello)) => {
+                    return Err(TcpError::Restarted {
+                        peer: self.wire.peer.clone(),
+                        session: self.hello.session,
+                        found: hello.session,
+                    });
+                }
+                Some(other) => return Err(self.wire.unexpected("a drive state", other)),
+            }
+        }
+    }
+
+    fn silent(&self, waited: Duration) -> TcpError {
+        TcpError::Silent {
+            peer: self.wire.peer.clone(),
+            seconds: waited.as_secs(),
+            damaged: self.wire.counters().crc_errors,
+        }
+    }
+
     fn newest(&mut self, state: &mut DriveState) -> Result<(), TcpError> {
-        let Some(rate) = &mut self.rate else {
-            *state = self.wire.wait_for("a drive state", FIRST_STATE)?;
+        if self.rate.is_none() {
+            self.wire.patience(Some(FIRST_STATE))?;
+            *state = self.next_state()?.ok_or_else(|| self.silent(FIRST_STATE))?;
             self.wire.never_wait()?;
             // The ticks begin with the first state.
             self.schedule = Some(RealTimeSchedule::new(self.hello.period_us));
             self.rate = Some(Rate::new(Duration::from_micros(u64::from(self.hello.period_us))));
             return Ok(());
-        };
-        let Some(schedule) = &mut self.schedule else {
-            return Ok(());
-        };
-        std::thread::sleep(schedule.until_early());
+        }
+        let early = self.schedule.as_ref().map(RealTimeSchedule::until_early);
+        std::thread::sleep(early.unwrap_or_default());
         let mut fresh = false;
         loop {
-            while let Some((_, newer)) = self.wire.expect("a drive state")? {
-                rate.count(&self.wire.peer, "drive states")?;
+            while let Some(newer) = self.next_state()? {
+                if let Some(rate) = &mut self.rate {
+                    rate.count(&self.wire.peer, "drive states")?;
+                }
                 *state = newer;
                 fresh = true;
             }
-            if fresh || schedule.is_late() {
+            if fresh || self.schedule.as_ref().is_none_or(RealTimeSchedule::is_late) {
                 break;
             }
             std::thread::sleep(LOOK);
         }
-        self.missed = schedule.tick();
+        self.missed = self.schedule.as_mut().map_or(0, RealTimeSchedule::tick);
         Ok(())
     }
 }
@@ -163,15 +192,7 @@ impl Drive for TcpDrive {
         if self.schedule.is_some() {
             self.newest(state)?;
         } else {
-            *state = self
-                .wire
-                .expect("a drive state")?
-                .map(|(_, state)| state)
-                .ok_or_else(|| TcpError::Silent {
-                    peer: self.wire.peer.clone(),
-                    seconds: ANSWER.as_secs(),
-                    damaged: self.wire.counters().crc_errors,
-                })?;
+            *state = self.next_state()?.ok_or_else(|| self.silent(ANSWER))?;
             self.ahead = if self.wire.has_more() {
                 self.ahead + 1
             } else {
@@ -255,3 +276,7 @@ pub fn check_limits(drive: &[JointLimits], robot: &Robot) -> Result<(), TcpError
     }
     Ok(())
 }
+
+#[cfg(test)]
+#[path = "drive_tests.rs"]
+mod tests;

@@ -165,6 +165,32 @@ pub enum TcpError {
         /// Key of what was expected.
         expected: [u8; 8],
     },
+    /// A field of a message has a value that it cannot have.
+    #[error(
+        "{peer} sent {what} whose checksum is right, but {field} does not decode: a variant, a boolean or the length of \
+         a list is none that the message has; encode it as docs/drive-link.md says"
+    )]
+    Field {
+        /// Who.
+        peer: String,
+        /// Which message.
+        what: &'static str,
+        /// Which field.
+        field: &'static str,
+    },
+    /// A drive began another session on the same connection.
+    #[error(
+        "{peer} sent the hello of session {found} in session {session}: a drive that starts again closes the connection \
+         (docs/drive-link.md); then go on with --resume"
+    )]
+    Restarted {
+        /// Who.
+        peer: String,
+        /// Its session.
+        session: u32,
+        /// The session of the later hello.
+        found: u32,
+    },
     /// The drive allows less than the robot's description promises.
     #[error(
         "joint {joint} of the drive has {what} {drive}, but the robot's description has {robot}: \

@@ -19,11 +19,17 @@
 //! per period: a zero byte with no frame before it, which every receiver of frames skips. The mark
 //! tells the host that a period of the device is over. So the host needs no clock and does not
 //! depend on the mode. In lock-step the controller waits for the host's end mark.
+//!
+//! A listener has one place, and a peer earns it by a valid frame (`lobby.rs`): one that is silent, trickles or floods
+//! keeps nobody out.
 
+pub mod conform;
 pub mod controller_server;
 mod drive;
 mod error;
+mod lobby;
 mod progress;
+mod real_time_hosts;
 mod remote;
 mod server;
 mod turns;

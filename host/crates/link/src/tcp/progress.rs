@@ -46,16 +46,21 @@ impl FrameGap {
 
     /// Fails if the peer has sent bytes for too long, or too many, without a valid frame.
     pub(super) fn check(&self, peer: &str) -> Result<(), TcpError> {
-        let Some(since) = self.since else { return Ok(()) };
-        if self.bytes <= NO_FRAME_BYTES && since.elapsed() < NO_FRAME {
+        let short = self.since.is_none_or(|since| since.elapsed() < NO_FRAME);
+        if self.bytes <= NO_FRAME_BYTES && short {
             return Ok(());
         }
-        Err(TcpError::Babble {
+        Err(self.babble(peer))
+    }
+
+    /// The error of a peer that has sent too much without a valid frame.
+    pub(super) fn babble(&self, peer: &str) -> TcpError {
+        TcpError::Babble {
             peer: peer.to_owned(),
             bytes: self.bytes,
-            seconds: since.elapsed().as_secs_f64(),
+            seconds: self.since.map_or(0.0, |since| since.elapsed().as_secs_f64()),
             damaged: self.damaged,
-        })
+        }
     }
 }
 
@@ -67,8 +72,8 @@ pub(super) struct FrameWatch {
 }
 
 impl FrameWatch {
-    /// Looks at bytes; whether a valid frame came. Zero bytes alone (end marks) are neither progress
-    /// nor its lack.
+    /// Looks at bytes; whether a valid frame came. Zero bytes alone (end marks) are no progress, and no noise: a host
+    /// that waits sends one each period.
     pub(super) fn look(&mut self, bytes: &[u8]) -> bool {
         let Self { accumulator, progress } = self;
         let mut valid = false;

@@ -4,9 +4,10 @@ use std::net::TcpListener;
 use std::time::{Duration, Instant};
 
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, NO_SESSION};
-use spherecal_shared::protocol::frame::LinkCounters;
+use spherecal_shared::protocol::frame::{self, LinkCounters, MAX_FRAME};
 
 use super::TcpError;
+use super::lobby::{Candidate, Lobby, Look};
 use super::progress::Rate;
 use super::wire::Wire;
 use crate::{Drive, LinkError};
@@ -14,8 +15,14 @@ use crate::{Drive, LinkError};
 /// Periods without a command after which a real-time drive closes its brakes. Until then the last
 /// torque is kept.
 const HELD_PERIODS: u32 = 10;
-/// How long a controller in real time may be silent before another one may connect.
+/// What the peers are called.
+const WHO: &str = "the controller";
+/// How long a controller may be silent: in real time at all, in lock-step if another one sends a command.
 const SILENT: Duration = Duration::from_secs(5);
+/// How often those who wait are looked after while nobody is served.
+const LOOK: Duration = Duration::from_millis(5);
+/// How often a silent controller in lock-step is looked after.
+const PATIENCE: Duration = Duration::from_millis(250);
 /// Commands for older states that a lock-step controller may send in a row.
 const LATE: u64 = 1000;
 
@@ -37,56 +44,121 @@ pub struct ConnectionCounts {
 pub struct DriveServer {
     drive: Box<dyn Drive>,
     real_time: bool,
+    lobby: Lobby,
+    /// A controller that has earned its place.
+    next: Option<Candidate>,
+    /// In lock-step: the state that waits for a command, with which controllers are greeted.
+    state: Option<DriveState>,
 }
 
 impl DriveServer {
     /// A server for `drive`, in lock-step or in real time.
     pub fn new(drive: Box<dyn Drive>, real_time: bool) -> Self {
-        Self { drive, real_time }
+        Self {
+            drive,
+            real_time,
+            lobby: Lobby::new(WHO),
+            next: None,
+            state: None,
+        }
     }
 
     /// Waits for a controller and serves it until it disconnects.
+    ///
+    /// In lock-step a controller earns the place by its first command. One that is silent for 5 s then gives way to
+    /// another that sends a command.
     ///
     /// # Errors
     /// The drive fails, or the controller sends bytes that are not a command. A controller that
     /// disconnects is not an error.
     pub fn serve(&mut self, listener: &TcpListener) -> Result<ConnectionCounts, LinkError> {
-        let (stream, peer) = listener.accept().map_err(|e| TcpError::of("a controller", e))?;
-        let mut wire = Wire::new(stream, format!("the controller at {peer}"))?;
         let mut hello = self.drive.hello().clone();
         hello.lock_step = !self.real_time;
         let mut service = ConnectionCounts::default();
-        let result = wire.send(&hello, 0).map_err(LinkError::from).and_then(|()| {
-            if self.real_time {
-                self.in_real_time(&mut wire, &hello, &mut service)
-            } else {
-                self.in_lock_step(&mut wire, &hello, &mut service)
+        if self.real_time {
+            listener.set_nonblocking(false).map_err(|e| TcpError::of(WHO, e))?;
+            let (stream, peer) = listener.accept().map_err(|e| TcpError::of(WHO, e))?;
+            let mut wire = Wire::new(stream, format!("{WHO} at {peer}"))?;
+            let result = wire
+                .send(&hello, 0)
+                .map_err(LinkError::from)
+                .and_then(|()| self.in_real_time(&mut wire, &hello, &mut service));
+            return counted(result, &wire, service);
+        }
+        let mut state = match self.state.take() {
+            Some(state) => state,
+            None => {
+                let mut state = DriveState::default();
+                self.drive.exchange(None, &mut state)?;
+                state
             }
-        });
-        service.link = wire.counters();
-        match result {
-            Err(LinkError::Tcp(error)) if error.is_closed() => Ok(service),
-            Err(error) => Err(error),
-            Ok(()) => Ok(service),
+        };
+        let Some(candidate) = self.earned(listener, &hello, &state)? else {
+            self.state = Some(state);
+            return Ok(service);
+        };
+        let mut wire = Wire::resume(candidate, WHO)?;
+        wire.has_sent(GREETING);
+        let result = self.in_lock_step(&mut wire, listener, &hello, &mut state, &mut service);
+        if self.next.is_some() {
+            // It was greeted with this state.
+            self.state = Some(state);
+        } else {
+            self.lobby.dismiss();
+        }
+        counted(result, &wire, service)
+    }
+
+    /// The next controller that sends a command; `None` if one has disconnected before.
+    fn earned(
+        &mut self,
+        listener: &TcpListener,
+        hello: &DriveHello,
+        state: &DriveState,
+    ) -> Result<Option<Candidate>, LinkError> {
+        if let Some(next) = self.next.take() {
+            return Ok(Some(next));
+        }
+        let greeting = greeting(hello, state)?;
+        loop {
+            match self.lobby.look(listener, &greeting)? {
+                Look::Spoke(candidate) => return Ok(Some(candidate)),
+                Look::Left(None) => return Ok(None),
+                Look::Left(Some(reason)) => {
+                    self.state = Some(state.clone());
+                    return Err(reason.into());
+                }
+                Look::Nothing => std::thread::sleep(LOOK),
+            }
         }
     }
 
     fn in_lock_step(
         &mut self,
         wire: &mut Wire,
+        listener: &TcpListener,
         hello: &DriveHello,
+        state: &mut DriveState,
         service: &mut ConnectionCounts,
     ) -> Result<(), LinkError> {
-        // Lock-step: a controller may take any time, because simulated time stands still.
-        wire.patience(None)?;
-        let mut state = DriveState::default();
-        self.drive.exchange(None, &mut state)?;
+        // Lock-step: a controller may take any time, because simulated time stands still; while nobody else waits.
+        wire.patience(Some(PATIENCE))?;
         loop {
-            wire.send(&state, state.tick.wrapping_mul(u64::from(hello.period_us)))?;
             let late = service.late;
             let begin = Instant::now();
             let command = loop {
                 let Some((_, mut command)) = wire.expect::<DriveCommand>("a drive command")? else {
+                    if begin.elapsed() >= SILENT
+                        && let Look::Spoke(next) = self.lobby.look(listener, &greeting(hello, state)?)?
+                    {
+                        self.next = Some(next);
+                        return Err(TcpError::Gone {
+                            peer: wire.peer.clone(),
+                            what: "it gives way to another controller",
+                            seconds: begin.elapsed().as_secs(),
+                        }
+                        .into());
+                    }
                     continue;
                 };
                 check_session(wire, hello, &mut command)?;
@@ -105,7 +177,8 @@ impl DriveServer {
                 }
             };
             service.commands += 1;
-            self.drive.exchange(Some(&command), &mut state)?;
+            self.drive.exchange(Some(&command), state)?;
+            wire.send(state, state.tick.wrapping_mul(u64::from(hello.period_us)))?;
         }
     }
 
@@ -168,6 +241,34 @@ impl DriveServer {
                 due = now;
             }
         }
+    }
+}
+
+/// Frames of a greeting.
+const GREETING: u32 = 2;
+
+/// The hello and the first state, framed for a controller in lock-step.
+fn greeting(hello: &DriveHello, state: &DriveState) -> Result<Vec<u8>, TcpError> {
+    let mut bytes = vec![0; 2 * MAX_FRAME];
+    let first = frame::encode(hello, 0, 0, &mut bytes)?;
+    let time_us = state.tick.wrapping_mul(u64::from(hello.period_us));
+    let rest = bytes.get_mut(first..).unwrap_or_default();
+    let second = frame::encode(state, 1, time_us, rest)?;
+    bytes.truncate(first + second);
+    Ok(bytes)
+}
+
+/// What a service came to. A controller that has disconnected is no error.
+fn counted(
+    result: Result<(), LinkError>,
+    wire: &Wire,
+    mut service: ConnectionCounts,
+) -> Result<ConnectionCounts, LinkError> {
+    service.link = wire.counters();
+    match result {
+        Err(LinkError::Tcp(error)) if error.is_closed() => Ok(service),
+        Err(error) => Err(error),
+        Ok(()) => Ok(service),
     }
 }
 

@@ -4,11 +4,16 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::{Duration, Instant};
 
+use serde::Deserialize;
+use spherecal_shared::protocol::drive::{DriveHello, TorqueSign};
 use spherecal_shared::protocol::frame::{
     self, Accumulator, FrameError, Header, LinkCounters, MAX_FRAME, Message, SequenceWatch,
 };
+use spherecal_shared::robot::JointLimits;
+use spherecal_shared::{Joints, MAX_JOINTS};
 
 use super::TcpError;
+use super::lobby::Candidate;
 use super::progress::FrameGap;
 
 /// How long it may take to connect.
@@ -20,8 +25,13 @@ const READ: Duration = Duration::from_secs(5);
 pub(super) enum Parsed<T> {
     /// The expected message.
     Message(Header, T),
+    /// A drive's hello that is not expected here: it may repeat the one of the session.
+    Hello(DriveHello),
     /// A message of another type or version.
     Other([u8; 8]),
+    /// A message of the expected type, with a valid checksum, one of whose fields has a value that the field
+    /// cannot have.
+    Field(&'static str),
 }
 
 /// One end of a connection.
@@ -85,6 +95,22 @@ impl Wire {
             rest: Vec::new(),
             stuck: None,
         })
+    }
+
+    /// Takes over a connection of which some bytes were read already.
+    pub(super) fn resume(candidate: Candidate, who: &str) -> Result<Self, TcpError> {
+        let mut wire = Self::new(candidate.stream, format!("{who} at {}", candidate.address))?;
+        wire.buffer.resize(wire.buffer.len().max(candidate.bytes.len()), 0);
+        if let Some(front) = wire.buffer.get_mut(..candidate.bytes.len()) {
+            front.copy_from_slice(&candidate.bytes);
+        }
+        wire.filled = candidate.bytes.len();
+        Ok(wire)
+    }
+
+    /// The number of the next frame, where earlier ones were sent before this side took the connection over.
+    pub(super) fn has_sent(&mut self, frames: u32) {
+        self.sent = frames;
     }
 
     /// Reads wait at most this long for the first byte of a message; `None` waits for ever. Bytes that
@@ -261,12 +287,24 @@ impl Wire {
         match self.receive::<M>()? {
             None => Ok(None),
             Some(Parsed::Message(header, message)) => Ok(Some((header, message))),
-            Some(Parsed::Other(found)) => Err(TcpError::Schema {
-                peer: self.peer.clone(),
-                what,
-                found,
-                expected: M::KEY,
-            }),
+            Some(other) => Err(self.unexpected::<M>(what, other)),
+        }
+    }
+
+    /// The error of a message that came in the place of `what`.
+    pub(super) fn unexpected<M: Message>(&self, what: &'static str, came: Parsed<M>) -> TcpError {
+        let peer = self.peer.clone();
+        let found = match came {
+            Parsed::Field(field) => return TcpError::Field { peer, what, field },
+            Parsed::Other(found) => found,
+            Parsed::Hello(_) => DriveHello::KEY,
+            Parsed::Message(..) => M::KEY,
+        };
+        TcpError::Schema {
+            peer,
+            what,
+            found,
+            expected: M::KEY,
         }
     }
 
@@ -291,9 +329,48 @@ impl Wire {
 
 fn parse<M: Message>(bytes: &mut [u8]) -> Result<Parsed<M>, FrameError> {
     let (header, body) = frame::open(bytes)?;
-    if header.key != M::KEY {
-        return Ok(Parsed::Other(header.key));
+    if header.key == M::KEY {
+        return Ok(match postcard::from_bytes(body) {
+            Ok(message) => Parsed::Message(header, message),
+            Err(_) => Parsed::Field(wrong_field(header.key, body)),
+        });
     }
-    let message = postcard::from_bytes(body).map_err(|_| FrameError::Body)?;
-    Ok(Parsed::Message(header, message))
+    if header.key == DriveHello::KEY
+        && let Ok(hello) = postcard::from_bytes(body)
+    {
+        return Ok(Parsed::Hello(hello));
+    }
+    Ok(Parsed::Other(header.key))
+}
+
+/// The first field of a drive's hello that does not decode; for other messages, that it is one of theirs.
+fn wrong_field(key: [u8; 8], body: &[u8]) -> &'static str {
+    if key != DriveHello::KEY {
+        return "a field";
+    }
+    /// Decodes one field; the bytes behind it.
+    fn behind<'a, T: Deserialize<'a>>(body: &'a [u8]) -> Option<&'a [u8]> {
+        postcard::take_from_bytes::<T>(body).ok().map(|(_, rest)| rest)
+    }
+    type Field = for<'a> fn(&'a [u8]) -> Option<&'a [u8]>;
+    let fields: [(&str, Field); 10] = [
+        ("protocol", |body| behind::<u16>(body)),
+        ("session", |body| behind::<u32>(body)),
+        ("limits", |body| behind::<heapless::Vec<JointLimits, MAX_JOINTS>>(body)),
+        ("period_us", |body| behind::<u32>(body)),
+        ("compensates_gravity", |body| behind::<bool>(body)),
+        ("torque_sign", |body| behind::<TorqueSign>(body)),
+        ("lock_step", |body| behind::<bool>(body)),
+        ("motor_kg_m2", |body| behind::<Joints>(body)),
+        ("latency_us", |body| behind::<u32>(body)),
+        ("simulated", |body| behind::<bool>(body)),
+    ];
+    let mut rest = body;
+    for (name, field) in fields {
+        match field(rest) {
+            Some(behind) => rest = behind,
+            None => return name,
+        }
+    }
+    "a field"
 }

@@ -36,6 +36,7 @@ pub use file::{Format, TableFile};
 pub use ros2::export_ros2;
 pub use table::{Column, ExportTable};
 
+use spherecal_campaign::telemetry::Torn;
 use spherecal_store::{CalibrationStore, RunInfo, StoreError};
 
 /// Why a run could not be exported.
@@ -68,6 +69,15 @@ pub enum ExportError {
     },
 }
 
+/// A telemetry file that ends in the middle of a record.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TornFile {
+    /// The file.
+    pub file: PathBuf,
+    /// What was read of it.
+    pub read: Torn,
+}
+
 /// What an export wrote.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Exported {
@@ -75,7 +85,7 @@ pub struct Exported {
     pub files: Vec<PathBuf>,
     /// Telemetry files that end in the middle of a record, because their writer was killed. Their
     /// whole chunks are exported.
-    pub torn_telemetry: Vec<PathBuf>,
+    pub torn_telemetry: Vec<TornFile>,
     /// Tables of another run that were in the folder and were removed.
     pub removed: Vec<PathBuf>,
 }

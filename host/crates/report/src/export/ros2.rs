@@ -27,7 +27,7 @@ use spherecal_campaign::telemetry::scene::{FrameTransform, FrameTransforms};
 use spherecal_campaign::telemetry::{Period, TelemetryReader};
 use spherecal_model::NewFile;
 
-use super::{ExportError, Exported};
+use super::{ExportError, Exported, TornFile};
 use definitions::{JOINT_STATE, POINT_STAMPED, TF_MESSAGE, WRENCH_STAMPED};
 
 mod definitions;
@@ -324,9 +324,10 @@ pub fn export_ros2(files: &[PathBuf], folder: &Path) -> Result<Exported, ExportE
             let period = period.map_err(|e| unreadable(e.to_string()))?;
             bag.period(&period).map_err(in_file)?;
         }
-        if reader.is_torn() {
-            torn_telemetry.push(file.clone());
-        }
+        torn_telemetry.extend(reader.torn().map(|read| TornFile {
+            file: file.clone(),
+            read,
+        }));
     }
     if bag.begin_ns.is_none() {
         return Err(ExportError::Telemetry {

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use spherecal_campaign::telemetry::messages::{JointStates, PhaseState, Xyz};
-use spherecal_campaign::telemetry::{Period, TelemetryReader};
+use spherecal_campaign::telemetry::{Period, TelemetryReader, Torn};
 
 use super::tables::name_of;
-use super::{ExportError, ExportTable, Format, TableFile};
+use super::{ExportError, ExportTable, Format, TableFile, TornFile};
 
 /// Rows held in memory: one row group of the file.
 const ROWS: usize = 1 << 16;
@@ -17,7 +17,7 @@ pub(super) fn export(
     paths: &[PathBuf],
     format: Format,
     folder: &Path,
-) -> Result<(Option<PathBuf>, Vec<PathBuf>), ExportError> {
+) -> Result<(Option<PathBuf>, Vec<TornFile>), ExportError> {
     let mut out = Out {
         joints: 0,
         file: None,
@@ -26,9 +26,10 @@ pub(super) fn export(
     };
     let mut torn = Vec::new();
     for path in paths {
-        if out.append(path)? {
-            torn.push(path.clone());
-        }
+        torn.extend(out.append(path)?.map(|read| TornFile {
+            file: path.clone(),
+            read,
+        }));
     }
     Ok((out.file.map(TableFile::finish).transpose()?, torn))
 }
@@ -42,8 +43,8 @@ struct Out<'a> {
 }
 
 impl Out<'_> {
-    /// Appends the samples of a file; whether it ends in the middle of a record.
-    fn append(&mut self, path: &Path) -> Result<bool, ExportError> {
+    /// Appends the samples of a file. Returns what was read if it ends in the middle of a record.
+    fn append(&mut self, path: &Path) -> Result<Option<Torn>, ExportError> {
         let unreadable = |what: String| ExportError::Telemetry {
             path: path.display().to_string(),
             what,
@@ -68,7 +69,7 @@ impl Out<'_> {
             out.append(&table)?;
             self.file = Some(out);
         }
-        Ok(reader.is_torn())
+        Ok(reader.torn())
     }
 }
 

@@ -116,7 +116,8 @@ fn pieces_of_a_run_are_one_table_and_one_bag() {
     let whole = std::fs::read(&pieces[0]).expect("read");
     std::fs::write(&pieces[0], &whole[..whole.len() - 3]).expect("cut");
     let (path, torn) = telemetry::export(&pieces, Format::Csv, folder.path()).expect("exported");
-    assert_eq!(torn, pieces[..1]);
+    let [torn] = torn.as_slice() else { panic!("{torn:?}") };
+    assert_eq!(torn.file, pieces[0]);
     let text = std::fs::read_to_string(path.expect("a table")).expect("read");
     let times: Vec<u64> = text
         .lines()
@@ -133,7 +134,8 @@ fn pieces_of_a_run_are_one_table_and_one_bag() {
     assert!(times.len() > 2000, "{}", times.len());
     // A ROS 2 bag is made of the same pieces, and cannot be made of none.
     let bag = export_ros2(&pieces, &folder.path().join("ros2")).expect("exported");
-    assert_eq!(bag.torn_telemetry, pieces[..1]);
+    assert_eq!(bag.torn_telemetry, std::slice::from_ref(torn));
+    assert_eq!(torn.read.periods + 3, times.len() as u64);
     let bytes = std::fs::read(&bag.files[0]).expect("a bag");
     let messages = mcap::MessageStream::new(&bytes).expect("MCAP");
     let joints = messages

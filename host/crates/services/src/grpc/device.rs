@@ -1,7 +1,5 @@
 //! The host's end of a robot behind `RobotController.Attach`.
 
-use std::time::Duration;
-
 use spherecal_shared::robot::{JointLimits, Robot};
 use tokio::runtime::Runtime;
 use tokio::sync::mpsc;
@@ -9,16 +7,14 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::Streaming;
 
 use super::MAX_MESSAGE;
-use super::peer::connect;
+use super::peer::{connect, within};
 use super::proto::robot_controller_client::RobotControllerClient;
 use super::proto::{ControllerTurn, DescribeRequest, HostTurn};
 use crate::ServiceError;
+use crate::budget::TURN;
 use spherecal_link::tcp::check_limits;
 use spherecal_link::{Device, LinkError};
 use spherecal_store::Peer;
-
-/// How long a robot may take for one period.
-const TURN: Duration = Duration::from_mins(1);
 
 /// A robot whose controller is behind gRPC.
 pub struct RemoteRobot {
@@ -56,9 +52,13 @@ impl RemoteRobot {
                 let (channel, credentials) = connect(peer).await?;
                 let mut client = RobotControllerClient::with_interceptor(channel, credentials)
                     .max_decoding_message_size(MAX_MESSAGE);
-                let about = client.describe(DescribeRequest {}).await.map_err(status)?.into_inner();
-                let up = client.attach(ReceiverStream::new(turns)).await.map_err(status)?;
-                Ok::<_, ServiceError>((about.limits, up.into_inner()))
+                let begun = async {
+                    let about = client.describe(DescribeRequest {}).await.map_err(status)?.into_inner();
+                    let up = client.attach(ReceiverStream::new(turns)).await.map_err(status)?;
+                    Ok::<_, ServiceError>((about.limits, up.into_inner()))
+                };
+                // The device is made now: it may wait for a person at the cabinet.
+                within(TURN, &name, "did not answer", begun).await
             })
             .map_err(failed)?;
         if limits.len() != robot.dof() {
@@ -96,12 +96,14 @@ impl RemoteRobot {
         self.runtime.block_on(async {
             // The server's last message contains its reason, if it has one.
             let _ = self.down.send(turn).await;
-            match tokio::time::timeout(TURN, self.up.message()).await {
-                Ok(Ok(Some(answer))) => Ok(answer),
-                Ok(Ok(None)) => Err(gone("the connection was closed")),
-                Ok(Err(status)) => Err(ServiceError::status(&self.peer, &status)),
-                Err(_) => Err(gone("silent for a minute")),
-            }
+            let answer = async {
+                match self.up.message().await {
+                    Ok(Some(answer)) => Ok(answer),
+                    Ok(None) => Err(gone("the connection was closed")),
+                    Err(status) => Err(ServiceError::status(&self.peer, &status)),
+                }
+            };
+            within(TURN, &self.peer, "answered no period", answer).await
         })
     }
 }

@@ -1,6 +1,7 @@
 //! How a client proves that it may use a server. The token comes from `SPHERECAL_TOKEN`, the
 //! trusted certificate from the file in `SPHERECAL_CA`.
 
+use std::error::Error as _;
 use std::path::Path;
 use std::time::Duration;
 
@@ -10,9 +11,12 @@ use tonic::metadata::MetadataValue;
 use tonic::service::Interceptor;
 use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint};
 use tonic::{Request, Status};
+use tonic_health::pb::HealthCheckRequest;
+use tonic_health::pb::health_client::HealthClient;
 
 use super::certificate::CA_VARIABLE;
 use crate::ServiceError;
+use crate::budget::{HANDSHAKE, SILENCE};
 use crate::guard::{CERTIFICATE, Guard, read_pem};
 
 /// Environment variable with the token that a client shows.
@@ -40,7 +44,10 @@ pub(super) async fn connect(peer: &Peer) -> Result<(Channel, Credentials), Servi
     let mut endpoint = Endpoint::from_shared(format!("{scheme}://{}", peer.address))
         .map_err(transport)?
         .tcp_nodelay(true)
-        .connect_timeout(Duration::from_secs(10));
+        .connect_timeout(HANDSHAKE)
+        .http2_keep_alive_interval(SILENCE)
+        .keep_alive_timeout(SILENCE)
+        .keep_alive_while_idle(true);
     if peer.encrypted {
         let mut tls = ClientTlsConfig::new();
         if let Some(path) = std::env::var_os(CA_VARIABLE) {
@@ -48,8 +55,40 @@ pub(super) async fn connect(peer: &Peer) -> Result<(Channel, Credentials), Servi
         }
         endpoint = endpoint.tls_config(tls).map_err(transport)?;
     }
-    let channel = endpoint.connect().await.map_err(transport)?;
-    Ok((channel, Credentials::from_environment(&name)?))
+    let credentials = Credentials::from_environment(&name)?;
+    let connecting = async {
+        let channel = endpoint.connect().await.map_err(transport)?;
+        // Any answer will do: a server without this service speaks the protocol, too.
+        let mut health = HealthClient::with_interceptor(channel.clone(), credentials.clone());
+        match health.check(HealthCheckRequest::default()).await {
+            Err(status) if status.source().is_some() => Err(ServiceError::status(&name, &status)),
+            _ => Ok(channel),
+        }
+    };
+    let channel = within(
+        HANDSHAKE,
+        &name,
+        "accepted the connection and did not answer",
+        connecting,
+    )
+    .await?;
+    Ok((channel, credentials))
+}
+
+/// Waits for what a server owes, at most so long. `what` it did is told otherwise.
+pub(super) async fn within<T>(
+    most: Duration,
+    peer: &str,
+    what: &str,
+    owed: impl Future<Output = Result<T, ServiceError>>,
+) -> Result<T, ServiceError> {
+    match tokio::time::timeout(most, owed).await {
+        Ok(answer) => answer,
+        Err(_) => Err(ServiceError::Transport {
+            peer: peer.to_owned(),
+            what: format!("the server {what} for {} s", most.as_secs_f64()),
+        }),
+    }
 }
 
 /// The token of a client, put on every request.

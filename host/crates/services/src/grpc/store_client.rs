@@ -11,13 +11,14 @@ use tonic::{Response, Status};
 
 use super::MAX_MESSAGE;
 use super::convert;
-use super::peer::{Credentials, connect, own_runtime};
+use super::peer::{Credentials, connect, own_runtime, within};
 use super::proto::calibration_store_client::CalibrationStoreClient;
 use super::proto::{
     BeginSessionRequest, EventBatch, EventPlace, Handshake, LaserShots, ListRunsRequest, PlacedEvent, Rejection,
     ResultName, Run, RunData, RunId, RunState, StoredResult,
 };
 use crate::ServiceError;
+use crate::budget::ANSWER;
 use spherecal_model::LaserShot;
 use spherecal_store::{CalibrationStore, NewRun, Peer, Placed, RunInfo, SessionEnd, StoreError, StoredRun};
 
@@ -58,10 +59,16 @@ impl RemoteStore {
         &mut self,
         request: impl AsyncFnOnce(&mut StoreClient) -> Result<Response<T>, Status>,
     ) -> Result<T, ServiceError> {
-        let answer = self.runtime.block_on(request(&mut self.client));
-        answer
-            .map(Response::into_inner)
-            .map_err(|status| ServiceError::status(&self.peer, &status))
+        let Self {
+            runtime, peer, client, ..
+        } = self;
+        let answer = async {
+            let answer = request(client).await;
+            answer
+                .map(Response::into_inner)
+                .map_err(|status| ServiceError::status(peer, &status))
+        };
+        runtime.block_on(within(ANSWER, peer, "did not answer", answer))
     }
 
     fn nonsense(&self, what: impl Into<String>) -> ServiceError {

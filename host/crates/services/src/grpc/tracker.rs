@@ -7,11 +7,12 @@ use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 
-use super::peer::{connect, own_runtime};
+use super::peer::{connect, own_runtime, within};
 use super::proto::laser_tracker_client::LaserTrackerClient;
 use super::proto::laser_tracker_server::LaserTracker;
 use super::proto::{Shot, ShotRequest, Station, TrackerDescribeRequest, TrackerDescription};
 use crate::ServiceError;
+use crate::budget::{ANSWER, SHOT};
 use spherecal_campaign::{Tracker, TrackerError};
 use spherecal_model::TrackerSession;
 use spherecal_store::Peer;
@@ -105,10 +106,13 @@ impl RemoteTracker {
         let shots = runtime.block_on(async {
             let (channel, credentials) = connect(peer).await?;
             let mut client = LaserTrackerClient::with_interceptor(channel, credentials);
-            let answer = client.measure(ReceiverStream::new(stream)).await;
-            answer
-                .map(Response::into_inner)
-                .map_err(|status| ServiceError::status(&name, &status))
+            let answer = async {
+                let answer = client.measure(ReceiverStream::new(stream)).await;
+                answer
+                    .map(Response::into_inner)
+                    .map_err(|status| ServiceError::status(&name, &status))
+            };
+            within(ANSWER, &name, "did not answer", answer).await
         })?;
         Ok(Self {
             runtime,
@@ -138,18 +142,25 @@ impl Tracker for RemoteTracker {
             station: station.into(),
             q_rad: q.to_vec(),
         };
-        let shot = self.runtime.block_on(async {
+        let Self {
+            runtime,
+            peer,
+            requests,
+            shots,
+        } = self;
+        let answer = async {
             // The other side's reason is in what it sends last.
-            let _ = self.requests.send(request).await;
-            match self.shots.message().await {
+            let _ = requests.send(request).await;
+            match shots.message().await {
                 Ok(Some(shot)) => Ok(shot),
                 Ok(None) => Err(ServiceError::Transport {
-                    peer: self.peer.clone(),
+                    peer: peer.clone(),
                     what: "the connection was closed".to_owned(),
                 }),
-                Err(status) => Err(ServiceError::status(&self.peer, &status)),
+                Err(status) => Err(ServiceError::status(peer, &status)),
             }
-        });
+        };
+        let shot = runtime.block_on(within(SHOT, peer, "gave no shot", answer));
         let shot = shot.map_err(failed)?;
         let point = <[f64; 3]>::try_from(shot.point_m.as_slice()).ok();
         match point {

@@ -2,13 +2,16 @@
 
 use std::collections::VecDeque;
 use std::sync::Arc;
+use std::time::Instant;
 
+use axum::body::Bytes;
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use tokio::sync::Mutex;
 
 use super::{RequestContext, headers, refused, with_store};
+use crate::budget::REPORT;
 use spherecal_store::{CalibrationStore, RunInfo};
 
 /// Why a report could not be written.
@@ -24,10 +27,17 @@ pub type ReportReader =
 /// Reports kept.
 const KEPT: usize = 8;
 
+/// A report that was written. All its responses share it.
+struct Kept {
+    run: i64,
+    page: Bytes,
+    /// Until when it is shown again; for ever if none. A run in progress will have another report later.
+    until: Option<Instant>,
+}
+
 /// Reports that were already written. One lock guards them, so one report is written at a time.
-///
 #[derive(Default)]
-pub(super) struct Reports(Mutex<VecDeque<(i64, String)>>);
+pub(super) struct Reports(Mutex<VecDeque<Kept>>);
 
 /// `/report/RUN`
 pub(super) async fn report(State(site): State<Arc<RequestContext>>, Path(run): Path<String>) -> Response {
@@ -41,8 +51,9 @@ pub(super) async fn report(State(site): State<Arc<RequestContext>>, Path(run): P
         return refused(StatusCode::NOT_FOUND, "this server writes no reports\n");
     };
     let mut kept = site.reports.0.lock().await;
-    if let Some((_, page)) = kept.iter().find(|(number, _)| *number == run) {
-        return (headers("text/html; charset=utf-8"), page.clone()).into_response();
+    kept.retain(|kept| kept.until.is_none_or(|until| Instant::now() < until));
+    if let Some(kept) = kept.iter().find(|kept| kept.run == run) {
+        return (headers("text/html; charset=utf-8"), kept.page.clone()).into_response();
     }
     let found = with_store(store, move |store| {
         Ok(store.find_run(run)?.map(|info| {
@@ -60,12 +71,14 @@ pub(super) async fn report(State(site): State<Arc<RequestContext>>, Path(run): P
     let written = tokio::task::spawn_blocking(move || material.and_then(|write| write())).await;
     match written {
         Ok(Ok(page)) => {
-            // A run in progress will have another report later.
-            if complete {
-                kept.push_back((run, page.clone()));
-                if kept.len() > KEPT {
-                    kept.pop_front();
-                }
+            let page = Bytes::from(page);
+            kept.push_back(Kept {
+                run,
+                page: page.clone(),
+                until: (!complete).then(|| Instant::now() + REPORT),
+            });
+            if kept.len() > KEPT {
+                kept.pop_front();
             }
             (headers("text/html; charset=utf-8"), page).into_response()
         }

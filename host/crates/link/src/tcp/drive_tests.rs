@@ -1,0 +1,116 @@
+//! Hellos that come once more, that change, and that do not decode.
+
+use std::io::{Read as _, Write as _};
+use std::net::TcpListener;
+
+use spherecal_shared::protocol::frame::{self, MAX_FRAME, Message};
+
+use super::*;
+
+fn framed<M: Message>(message: &M) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let length = frame::encode(message, 0, 0, &mut out).expect("it fits");
+    out[..length].to_vec()
+}
+
+fn hello(session: u32) -> DriveHello {
+    let limits = JointLimits {
+        min_rad: -2.9,
+        max_rad: 2.9,
+        velocity_rad_s: 1.5,
+        torque_nm: 100.0,
+    };
+    DriveHello {
+        lock_step: true,
+        ..DriveHello::new(session, [limits; 7])
+    }
+}
+
+/// A drive that sends these bytes and then reads until the other side goes.
+fn drive_that_sends(parts: &[Vec<u8>]) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    let address = listener.local_addr().expect("an address").to_string();
+    let bytes = parts.concat();
+    std::thread::spawn(move || {
+        let (mut stream, _) = listener.accept().expect("a connection");
+        stream.write_all(&bytes).expect("sent");
+        while matches!(stream.read(&mut [0; 1024]), Ok(count) if count > 0) {}
+    });
+    address
+}
+
+fn state(tick: u64) -> Vec<u8> {
+    framed(&DriveState {
+        session: 5,
+        tick,
+        ..DriveState::default()
+    })
+}
+
+// Fails if the hello of the session ends the run when it comes once more, if one that changes something else than
+// the number does, or if the hello of another session is passed over or told as another version.
+#[test]
+fn a_repeated_hello_has_no_effect_and_another_session_ends_the_link() {
+    let mut changed = hello(5);
+    changed.period_us = 2000;
+    let address = drive_that_sends(&[
+        framed(&hello(5)),
+        framed(&hello(5)),
+        state(1),
+        framed(&hello(5)),
+        framed(&changed),
+        state(2),
+        framed(&hello(6)),
+    ]);
+    let mut drive = TcpDrive::connect(&address).expect("a drive");
+    let mut came = DriveState::default();
+    for tick in 1..3 {
+        drive.exchange(None, &mut came).expect("a state");
+        assert_eq!(came.tick, tick);
+    }
+    assert_eq!(drive.hello().period_us, 1000);
+    let said = drive
+        .exchange(None, &mut came)
+        .expect_err("another session")
+        .to_string();
+    assert!(said.contains("session 6 in session 5"), "{said}");
+}
+
+/// A hello whose variant of the torque sign is none.
+#[derive(serde::Serialize, serde::Deserialize, postcard_schema::Schema)]
+struct WrongHello {
+    protocol: u16,
+    session: u32,
+    limits: heapless::Vec<JointLimits, 8>,
+    period_us: u32,
+    compensates_gravity: bool,
+    torque_sign: u8,
+    lock_step: bool,
+    motor_kg_m2: heapless::Vec<f64, 8>,
+    latency_us: u32,
+    simulated: bool,
+}
+
+impl Message for WrongHello {
+    const KEY: [u8; 8] = DriveHello::KEY;
+}
+
+// Fails if a variant that the hello does not have is told as another version of the protocol, or without its field.
+#[test]
+fn a_wrong_variant_is_told_with_its_field() {
+    let wrong = WrongHello {
+        protocol: 2,
+        session: 5,
+        limits: hello(5).limits,
+        period_us: 1000,
+        compensates_gravity: false,
+        torque_sign: 7,
+        lock_step: true,
+        motor_kg_m2: heapless::Vec::new(),
+        latency_us: 0,
+        simulated: true,
+    };
+    let address = drive_that_sends(&[framed(&wrong)]);
+    let said = TcpDrive::connect(&address).err().expect("refused").to_string();
+    assert!(said.contains("torque_sign does not decode"), "{said}");
+}

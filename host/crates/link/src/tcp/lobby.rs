@@ -1,0 +1,165 @@
+//! Peers that have connected and have not earned their place yet.
+//!
+//! ```text
+//!   connection ─▶ greeted, waits ─▶ first valid frame ─▶ served
+//!                     └ noise: closed   └ silence: keeps nobody out
+//! ```
+//!
+//! A listener has one place. Whoever waits is greeted at once, and the first that sends a valid frame gets the place. So
+//! a peer that connects and says nothing keeps nobody out, and one that sends noise costs its own connection alone.
+
+use std::collections::VecDeque;
+use std::io::{ErrorKind, Read as _, Write as _};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+
+use spherecal_shared::protocol::frame::MAX_FRAME;
+
+use super::TcpError;
+use super::progress::FrameWatch;
+
+/// Most peers that wait. One more closes the connection that has waited longest.
+const MOST: usize = 16;
+/// Most bytes that a peer may send before its first valid frame is complete.
+const BYTES: usize = 4 * MAX_FRAME;
+
+/// A peer that waits.
+pub(super) struct Candidate {
+    pub(super) stream: TcpStream,
+    pub(super) address: SocketAddr,
+    /// What it has sent.
+    pub(super) bytes: Vec<u8>,
+    watch: FrameWatch,
+}
+
+/// What a look at the waiting peers came to.
+pub(super) enum Look {
+    /// Nothing that matters.
+    Nothing,
+    /// One has sent a valid frame.
+    Spoke(Candidate),
+    /// One is gone; the reason if it did not close the connection itself.
+    Left(Option<TcpError>),
+}
+
+/// The peers that wait at one listener.
+#[derive(Default)]
+pub(super) struct Lobby {
+    who: &'static str,
+    waiting: VecDeque<Candidate>,
+}
+
+impl Lobby {
+    /// Nobody waits. `who` names the peers.
+    pub(super) fn new(who: &'static str) -> Self {
+        Self {
+            who,
+            waiting: VecDeque::new(),
+        }
+    }
+
+    /// Greets whoever has connected, and reads what those who wait have sent. Waits for nothing.
+    ///
+    /// # Errors
+    /// The listener fails.
+    pub(super) fn look(&mut self, listener: &TcpListener, greeting: &[u8]) -> Result<Look, TcpError> {
+        self.accept(listener, greeting)?;
+        for number in 0..self.waiting.len() {
+            let Some(candidate) = self.waiting.get_mut(number) else {
+                break;
+            };
+            match candidate.read(self.who) {
+                Ok(false) => {}
+                Ok(true) => {
+                    if let Some(candidate) = self.waiting.remove(number) {
+                        return Ok(Look::Spoke(candidate));
+                    }
+                }
+                Err(reason) => {
+                    self.waiting.remove(number);
+                    return Ok(Look::Left((!reason.is_closed()).then_some(reason)));
+                }
+            }
+        }
+        Ok(Look::Nothing)
+    }
+
+    /// The peer that has sent bytes for the longest time, although none of them is a valid frame.
+    pub(super) fn first_that_sent(&mut self) -> Option<Candidate> {
+        let number = self.waiting.iter().position(|one| !one.bytes.is_empty())?;
+        self.waiting.remove(number)
+    }
+
+    /// Closes the connections of all who wait: what they were greeted with is no longer true.
+    pub(super) fn dismiss(&mut self) {
+        self.waiting.clear();
+    }
+
+    fn accept(&mut self, listener: &TcpListener, greeting: &[u8]) -> Result<(), TcpError> {
+        let failed = |error| TcpError::of(self.who, error);
+        listener.set_nonblocking(true).map_err(failed)?;
+        // So many in one look at most: a flood of connections must not keep the caller.
+        for _ in 0..MOST {
+            let (mut stream, address) = match listener.accept() {
+                Ok(accepted) => accepted,
+                Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => break,
+                // The peer is gone already, or no descriptor is free: the next look tries again.
+                Err(e) if matches!(e.kind(), ErrorKind::ConnectionAborted) => continue,
+                Err(e) => return Err(failed(e)),
+            };
+            // A fresh connection has room for a greeting.
+            let greeted = stream
+                .set_nonblocking(true)
+                .and_then(|()| stream.set_nodelay(true))
+                .and_then(|()| stream.write_all(greeting));
+            if greeted.is_err() {
+                continue;
+            }
+            if self.waiting.len() >= MOST {
+                self.waiting.pop_front();
+            }
+            self.waiting.push_back(Candidate::new(stream, address));
+        }
+        Ok(())
+    }
+}
+
+impl Candidate {
+    /// A peer that has been greeted and has sent nothing.
+    pub(super) fn new(stream: TcpStream, address: SocketAddr) -> Self {
+        Self {
+            stream,
+            address,
+            bytes: Vec::new(),
+            watch: FrameWatch::default(),
+        }
+    }
+
+    /// Reads what came; whether a valid frame is among it.
+    fn read(&mut self, who: &str) -> Result<bool, TcpError> {
+        let peer = || format!("{who} at {}", self.address);
+        let mut buffer = [0; MAX_FRAME];
+        let mut spoke = false;
+        while !spoke {
+            match self.stream.read(&mut buffer) {
+                Ok(0) => return Err(TcpError::Closed { peer: peer() }),
+                Ok(count) => {
+                    let came = buffer.get(..count).unwrap_or_default();
+                    self.bytes.extend_from_slice(came);
+                    spoke = self.watch.look(came);
+                    if !spoke && self.bytes.len() > BYTES {
+                        return Err(self.watch.progress.babble(&peer()));
+                    }
+                }
+                Err(e) if e.kind() == ErrorKind::WouldBlock => break,
+                Err(e) if e.kind() == ErrorKind::Interrupted => {}
+                Err(e) => return Err(TcpError::of(&peer(), e)),
+            }
+        }
+        self.watch.progress.check(&peer())?;
+        Ok(spoke)
+    }
+}
+
+#[cfg(test)]
+#[path = "lobby_tests.rs"]
+mod tests;

@@ -1,0 +1,82 @@
+//! Peers that connect and say nothing.
+
+use std::io::Read as _;
+use std::net::TcpStream;
+use std::thread;
+use std::time::Duration;
+
+use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
+use spherecal_shared::protocol::frame::{self, MAX_FRAME, Message};
+
+use super::*;
+use crate::tcp::conform::tests::Still;
+use crate::tcp::controller_server::serve_hosts;
+use crate::tcp::{DriveServer, Remote, TcpDrive, listen};
+use crate::{Device as _, Drive as _, LocalDevice, controller_in_process};
+
+fn framed<M: Message>(message: &M) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let length = frame::encode(message, 0, 0, &mut out).expect("it fits");
+    out[..length].to_vec()
+}
+
+/// So many connections that say nothing, and one that sends an end mark now and then.
+fn crowd(address: SocketAddr) -> Vec<TcpStream> {
+    let silent: Vec<TcpStream> = (0..20)
+        .map(|_| TcpStream::connect(address).expect("connects"))
+        .collect();
+    let mut marks = TcpStream::connect(address).expect("connects");
+    thread::spawn(move || {
+        while marks.write_all(&[0]).is_ok() {
+            thread::sleep(Duration::from_millis(50));
+            marks.set_nonblocking(true).expect("set");
+            let _ = marks.read(&mut [0; 4096]);
+            marks.set_nonblocking(false).expect("set");
+        }
+    });
+    // They have connected before the honest one does.
+    thread::sleep(Duration::from_millis(300));
+    silent
+}
+
+// Fails if peers that connect and say nothing, or send end marks alone, keep an honest one from a plant or from a
+// controller, in lock-step or in real time.
+#[test]
+fn silent_peers_keep_nobody_out() {
+    let (listener, address) = listen("0").expect("a free port");
+    thread::spawn(move || {
+        let mut server = DriveServer::new(Box::new(Still::new()), false);
+        loop {
+            let _ = server.serve(&listener);
+        }
+    });
+    let silent = crowd(address);
+    let mut drive = TcpDrive::connect(&address.to_string()).expect("the plant answers");
+    let mut state = DriveState::default();
+    for _ in 0..20 {
+        let command = DriveCommand {
+            session: drive.hello().session,
+            tick: state.tick,
+            tau: state.tau.clone(),
+            enable: false,
+        };
+        let answer = (!state.q.is_empty()).then_some(&command);
+        drive.exchange(answer, &mut state).expect("the plant serves");
+    }
+    drop(silent);
+    for drive in [Still::new(), Still::in_real_time()] {
+        let (listener, address) = listen("0").expect("a free port");
+        thread::spawn(move || {
+            let controller = controller_in_process(7).expect("built");
+            let mut cell = LocalDevice::new(controller, Box::new(drive), 7).expect("it fits");
+            let _ = serve_hosts(&mut cell, &listener, false, &mut |_| ());
+        });
+        let silent = crowd(address);
+        let mut host = Remote::connect(&address.to_string(), 7).expect("the controller answers");
+        let frame = framed(&DriveCommand::default());
+        for _ in 0..20 {
+            host.step(&frame, &mut Vec::new()).expect("the controller serves");
+        }
+        drop(silent);
+    }
+}
