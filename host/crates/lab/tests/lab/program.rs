@@ -1,6 +1,5 @@
 //! The program of the studies: its commands and their refusals; studies on several machines: shards, their merge, and
 //! the examples for clusters.
-#![cfg(unix)]
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};

@@ -1,0 +1,4 @@
+//! The studies as their users run them.
+#![cfg(unix)]
+
+mod program;
