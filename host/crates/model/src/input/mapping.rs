@@ -1,7 +1,7 @@
 //! How a caller names the columns of any table: `--columns point_mm=X,Y,Z euler_zyx_deg=A,B,C joints=a1,a2`.
 
-use super::column_plan::Orientation;
 use super::error::InputError;
+use super::orientation::Orientation;
 use crate::excerpt;
 
 /// What named columns mean.

@@ -21,6 +21,7 @@ mod header_names;
 mod lines;
 mod mapping;
 mod numbers;
+mod orientation;
 mod plate;
 mod plausible;
 mod recorded;

@@ -12,12 +12,13 @@
 use std::io::Read;
 
 use super::cells::{Splitter, separator};
-use super::column_plan::{Orientation, OutColumn, Plan};
+use super::column_plan::{OutColumn, Plan};
 use super::columns::TableFormat;
 use super::csv_row::{refuse_line, split_error};
 use super::error::InputError;
 use super::lines::{LineError, Lines, MOST_LINE_BYTES};
 use super::mapping::ColumnMapping;
+use super::orientation::Orientation;
 use crate::{FileError, excerpt};
 
 /// A table put right.
@@ -127,7 +128,7 @@ pub fn recorded(
         if begun.is_none() {
             if let Some(rest) = trimmed.strip_prefix("sep=") {
                 said = rest.bytes().next();
-                out.csv.push_str("\n");
+                out.csv.push('\n');
                 continue;
             }
             if let Some(words) = trimmed.strip_prefix('#') {
