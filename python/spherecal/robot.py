@@ -19,7 +19,8 @@ class Robot:
     """A robot with its tool.
 
     ``source`` is a built-in name (:data:`spherecal.BUILT_IN`), the path of a ``.toml``, ``.urdf`` or
-    ``.yaml`` file (``FILE.urdf#LINK`` for the chain to that link), or the text of a URDF or TOML.
+    ``.yaml`` file (``FILE.urdf#TIP`` or ``FILE.urdf#BASE:TIP`` for the chain to or
+    between these links), or the text of a URDF or TOML.
     ``tool`` is the TCP in the flange frame, in m; without it, that of the source.
 
     Frames: the *root* frame is the first frame of the file (``frame_names[0]``); the TCP's axes are

@@ -1,9 +1,9 @@
 //! What is wrong with a table that does not fit its robot.
 
-use spherecal_explain::{Explanation, Subject, explain};
+use spherecal_explain::{Explanation, Subject, explain, look};
 use spherecal_identify::IdentifyError;
 use spherecal_identify::evaluate::EvaluateError;
-use spherecal_identify::study::{Sources, StudyError, StudyRequest, assemble};
+use spherecal_identify::study::{Sources, Study, StudyError, StudyRequest, assemble};
 use spherecal_model::input::InputError;
 
 /// Whether a refusal may come from a mistake in the table as a whole.
@@ -19,12 +19,29 @@ pub(super) fn may_explain(error: &StudyError) -> bool {
     }
 }
 
-/// Searches for what is wrong with the table of a request. `None` for a table that cannot be read.
-pub(super) fn explained(request: &StudyRequest, sources: Sources<'_>) -> Option<Explanation> {
-    let loaded = assemble(request, sources, &mut |_| {}).ok()?;
+/// Searches for what is wrong with the table of a request.
+///
+/// # Errors
+/// A table that cannot be read.
+pub(super) fn explained(request: &StudyRequest, sources: Sources<'_>) -> Result<Explanation, StudyError> {
+    let loaded = assemble(request, sources, &mut |_| {})?;
     let experiment = &loaded.recordings.experiment;
-    let subject = Subject::new(&loaded.model, &experiment.observations, &experiment.spheres).ok()?;
-    Some(explain(&subject))
+    Ok(explain(&Subject::new(
+        &loaded.model,
+        &experiment.observations,
+        &experiment.spheres,
+    )))
+}
+
+/// What can be told of the table of a study without a search.
+pub(super) fn remarks(study: &Study) -> Vec<String> {
+    let experiment = &study.recordings.experiment;
+    look(&Subject::new(
+        &study.model,
+        &experiment.observations,
+        &experiment.spheres,
+    ))
+    .sentences()
 }
 
 /// A refusal with what the search says to it.

@@ -15,7 +15,7 @@ use super::stages;
 use super::study_progress::StudyProgress;
 use super::table::{TableArgs, put_right};
 use spherecal_identify::study::{
-    Sources, StudyError, StudyRequest, StudyStep, TableSource, anonymous_csv, assemble, sources, study_of,
+    Sources, StudyError, StudyRequest, StudyStep, TableSource, anonymous_csv, sources, study_of,
 };
 use spherecal_identify::{Method, Model, Options};
 use spherecal_job::CertificateSection;
@@ -41,7 +41,7 @@ use spherecal_store::time::now_utc;
 /// up to 5 million rows and 2 GiB. Rows without a value (nan) are left out and counted. Any other table is read with
 /// --columns (docs/sources.md).
 ///
-/// In place of a table, --data and --validate take a ROS 2 bag in MCAP (file or folder) with sensor_msgs/JointState and
+/// In place of a table, --data and --validate take a ROS 2 bag (MCAP or SQLite, file or folder) with sensor_msgs/JointState and
 /// geometry_msgs/PointStamped: each rest of the arm with a point is a pose. A point in a frame sphere_N is a contact with
 /// sphere N. The poses are written to poses-of-bag.csv in --out.
 #[derive(Args, Clone, Debug)]
@@ -55,7 +55,7 @@ pub struct IdentifyArgs {
     /// Built-in name, FILE.toml, FILE.urdf, FILE.urdf#TIP, or FILE.urdf#BASE:TIP for the chain between these links.
     #[arg(long, value_name = "NAME|FILE", requires = "data")]
     pub robot: Option<String>,
-    /// Table of poses, or a ROS 2 bag in MCAP.
+    /// Table of poses, or a ROS 2 bag.
     #[arg(long, value_name = "FILE.csv|BAG", requires = "robot")]
     pub data: Option<PathBuf>,
     /// Estimator: full, geometry, lm, gauss-newton, nelder-mead or nelder-mead-scaled.
@@ -234,16 +234,7 @@ fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
 
 /// `spherecal identify --explain`
 fn say_what_is_wrong(request: &StudyRequest, sources: Sources<'_>) -> Result<Exit, CliError> {
-    // A table that cannot be read is refused in the words of the identification.
-    let found = match explain::explained(request, sources.clone()) {
-        Some(found) => found,
-        None => {
-            return Err(CliError::input(assemble(request, sources, &mut |_| {}).map_or_else(
-                |e| e.to_string(),
-                |_| "the joints of this robot cannot be told apart: name its base and tip".to_owned(),
-            )));
-        }
-    };
+    let found = explain::explained(request, sources).map_err(CliError::input)?;
     if !found.own_m.is_finite() {
         outln!("the table has too few rows to search for what is wrong: ten are needed");
     } else if found.found.is_empty() && !found.readout {
@@ -308,13 +299,15 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
     }
     let study = study_of(&request, sources.clone(), &mut |step| view.show(step));
     view.finish();
-    let study = study.map_err(|error| {
+    let mut study = study.map_err(|error| {
         if !explain::may_explain(&error) {
             return refuse(error);
         }
-        let found = explain::explained(&request, sources);
+        let found = explain::explained(&request, sources).ok();
         CliError::input(explain::with_reason(&error, found.as_ref()))
     })?;
+    let remarks = explain::remarks(&study);
+    study.notes.extend(remarks);
     if let Some(path) = &args.anonymise {
         write_new(path, &anonymous_csv(&study.recordings))?;
         errln!(

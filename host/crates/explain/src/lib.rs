@@ -25,7 +25,7 @@ pub use slides::{Slides, SlidesError, slides};
 
 use nalgebra::Vector3;
 use spherecal_model::input::Adjustments;
-use spherecal_model::robots::{JointPath, RobotFileError, RobotModel};
+use spherecal_model::robots::{JointPath, RobotModel};
 use spherecal_model::{Observation, Sphere};
 
 /// Largest score of a named hypothesis in shares of the table's own.
@@ -55,22 +55,15 @@ pub struct Subject<'a> {
 }
 
 impl<'a> Subject<'a> {
-    /// The subject of a robot and its rows.
-    ///
-    /// # Errors
-    /// A robot whose joints follow one that its file does not hold.
-    pub fn new(
-        model: &RobotModel,
-        observations: &'a [Observation],
-        spheres: &'a [Sphere],
-    ) -> Result<Self, RobotFileError> {
-        Ok(Self {
-            path: model.joint_path()?,
+    /// The subject of a robot and rows with the angles of its table.
+    pub fn new(model: &RobotModel, observations: &'a [Observation], spheres: &'a [Sphere]) -> Self {
+        Self {
+            path: model.table_path(),
             robot: model.robot.name.as_str().to_owned(),
             tool: model.tool.tcp(),
             observations,
             spheres,
-        })
+        }
     }
 }
 
@@ -110,6 +103,12 @@ pub struct Explanation {
 /// hypotheses fit them.
 pub fn explain(subject: &Subject<'_>) -> Explanation {
     search::search(subject)
+}
+
+/// What can be told of a table without a search: whether its points are the nominal model's own, and which joints hardly
+/// move.
+pub fn look(subject: &Subject<'_>) -> Explanation {
+    search::look(subject)
 }
 
 #[cfg(test)]

@@ -141,7 +141,8 @@ fn still(rows: &[Row]) -> Vec<(usize, f64)> {
     (0..n).map(|k| (k, range(k))).filter(|r| r.1 < STILL_RAD).collect()
 }
 
-pub(crate) fn search(subject: &Subject<'_>) -> Explanation {
+/// What needs no search: a controller's readout, and joints that hardly move. `None` in place of a search for too few rows.
+fn looked_at<'a>(subject: &'a Subject<'a>) -> (Explanation, Option<Search<'a>>) {
     let rows = rows(subject.observations, subject.spheres);
     let n = subject.path.columns.len();
     let mut out = Explanation {
@@ -152,23 +153,35 @@ pub(crate) fn search(subject: &Subject<'_>) -> Explanation {
         still: still(&rows),
     };
     if rows.len() < FEWEST || rows.iter().any(|r| r.q.len() != n) {
-        return out;
+        return (out, None);
     }
-    let others = BUILT_IN.iter().copied().filter(|name| *name != subject.robot);
-    let others = others.filter_map(|name| Some((name, built_in(name)?.joint_path().ok()?)));
     let search = Search {
         subject,
         given_tool: subject.tool.norm() > 1e-6,
-        robots: others.filter(|r| r.1.columns.len() == n).collect(),
+        robots: Vec::new(),
         rows,
     };
-    out.readout = search.is_readout();
+    // Distances between spheres say nothing of where the numbers come from.
+    out.readout = search.measures_points() && search.is_readout();
+    (out, Some(search))
+}
+
+/// What needs no search.
+pub(crate) fn look(subject: &Subject<'_>) -> Explanation {
+    looked_at(subject).0
+}
+
+pub(crate) fn search(subject: &Subject<'_>) -> Explanation {
+    let (mut out, Some(mut search)) = looked_at(subject) else {
+        return look(subject);
+    };
+    let n = subject.path.columns.len();
+    let others = BUILT_IN.iter().copied().filter(|name| *name != subject.robot);
+    let others = others.filter_map(|name| Some((name, built_in(name)?.table_path())));
+    search.robots = others.filter(|r| r.1.columns.len() == n).collect();
     let nothing = Change::Table(Adjustments::default());
     out.own_m = search.fit(&nothing, ROWS[2], true, 30).median_m;
-    let points = subject
-        .observations
-        .iter()
-        .any(|o| !matches!(o.target, spherecal_model::Target::Sphere { .. }));
+    let points = search.measures_points();
     let poses = search.rows.iter().any(|r| r.turn.is_some());
     let names: Vec<&'static str> = search.robots.iter().map(|r| r.0).collect();
     let singles = singles(n, points, poses, search.given_tool, &names);
@@ -187,6 +200,12 @@ pub(crate) fn search(subject: &Subject<'_>) -> Explanation {
 }
 
 impl Search<'_> {
+    /// Whether an instrument measured points: not contacts with spheres alone.
+    fn measures_points(&self) -> bool {
+        let contact = |o: &spherecal_model::Observation| matches!(o.target, spherecal_model::Target::Sphere { .. });
+        !self.subject.observations.iter().all(contact)
+    }
+
     /// Whether the targets are the nominal model's own: only base and TCP are fitted.
     fn is_readout(&self) -> bool {
         let rows = some(&self.rows, ROWS[2]);

@@ -194,10 +194,7 @@ mod tests {
                 })
                 .collect();
             let slides = Slides::fit(&path, &tool, &rows).unwrap();
-            let mut plain = model.clone();
-            // The table as a robot of its own: hinges alone.
-            plain.origin = spherecal_model::robots::Origin::Toml;
-            let hinges = plain.joint_path().unwrap();
+            let hinges = model.table_path();
             let moved: Vec<Observation> = rows
                 .iter()
                 .map(|row| {

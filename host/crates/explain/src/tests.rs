@@ -166,7 +166,7 @@ fn mistaken(rows: &[Observation], adjust: &Adjustments) -> Vec<Observation> {
 fn explained(model: &RobotModel, rows: &[Observation], tool: [f64; 3]) -> Explanation {
     let mut model = model.clone();
     model.tool.tcp_m = tool;
-    explain(&Subject::new(&model, rows, &[]).unwrap())
+    explain(&Subject::new(&model, rows, &[]))
 }
 
 /// Whether a hypothesis is the only one that is named, is named among those that tie, or is not named.

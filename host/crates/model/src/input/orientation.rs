@@ -1,4 +1,4 @@
-//! An orientation as a table may state it: by three numbers.
+//! Orientations by three numbers: Euler angles and rotation vectors.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 

@@ -128,7 +128,7 @@ pub fn recorded(
         if begun.is_none() {
             if let Some(rest) = trimmed.strip_prefix("sep=") {
                 said = rest.bytes().next();
-                out.csv.push_str("\n");
+                out.csv.push('\n');
                 continue;
             }
             if let Some(words) = trimmed.strip_prefix('#') {

@@ -70,10 +70,10 @@ pub enum RobotFileError {
         /// What to write instead.
         remedy: String,
     },
-    /// The chain has no or too many moving joints.
+    /// The chain has no or too many turning joints.
     #[error(
-        "{}: the chain from {} to {} has {joints} moving joints: between 1 and {MAX_JOINTS} are needed; name another \
-         tip as {}#LINK",
+        "{}: the chain from {} to {} has {joints} turning joints: between 1 and {MAX_JOINTS} are needed; name another \
+         base or tip as {}#BASE:TIP",
         printable(path),
         excerpt(base),
         excerpt(tip),

@@ -236,9 +236,14 @@ impl RobotModel {
     /// # Errors
     /// A joint that mimics one that the file does not hold.
     pub fn joint_path(&self) -> Result<JointPath, RobotFileError> {
-        if let Origin::Urdf(source) = &self.origin {
-            return of_urdf(&source.0, &source.1);
+        match &self.origin {
+            Origin::Urdf(source) => of_urdf(&source.0, &source.1),
+            Origin::BuiltIn | Origin::Toml => Ok(self.table_path()),
         }
+    }
+
+    /// The joints of the table as a path, root frame to flange: each turns by an angle of its own.
+    pub fn table_path(&self) -> JointPath {
         let joint = |(k, row)| PathJoint {
             name: self.joint_names.get(k).cloned().unwrap_or_default(),
             kind: JointKind::Turns,
@@ -256,11 +261,11 @@ impl RobotModel {
             "" => format!("q{}", k + 1),
             name => name.to_owned(),
         };
-        Ok(JointPath {
+        JointPath {
             columns: joints.iter().enumerate().map(name).collect(),
             joints,
             end: self.flange,
-        })
+        }
     }
 
     /// Refuses a robot that its table does not describe alone: one with joints that slide or follow others. Everything
