@@ -1,7 +1,7 @@
 //! The client that moves the robot.
 
 use std::net::IpAddr;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use super::link::ClientLink;
 use super::{ClientConfig, ClientError, EndCause, LinkStatistics, MotionEnd, TorqueLimits};
@@ -111,10 +111,10 @@ impl Client {
         self.moving = false;
         self.answerable = false;
         self.link.request(&Request::AutomaticErrorRecovery)?;
-        let deadline = Instant::now() + TRANSITION;
+        let deadline = self.link.machine.now() + TRANSITION;
         while self.link.newest.robot_mode != RobotMode::Idle {
             self.link.receive()?;
-            if Instant::now() > deadline {
+            if self.link.machine.now() > deadline {
                 return Err(self.not_ready());
             }
         }
@@ -138,7 +138,7 @@ impl Client {
     /// # Errors
     /// A [`ClientError`] if the connection is lost or the response is none.
     pub fn recovery_answer(&mut self) -> Result<Option<Status>, ClientError> {
-        self.link.tcp.posted_answer(Instant::now() + LOOK)
+        self.link.tcp.posted_answer(LOOK)
     }
 
     /// Starts a torque motion and waits until the robot shows it. The next [`exchange`](Self::exchange) answers the
@@ -156,7 +156,7 @@ impl Client {
             .request(&Request::Move(MoveRequest::torque(self.link.version)))?;
         // The robot moves from here on, whatever the states still show.
         self.moving = true;
-        let deadline = Instant::now() + TRANSITION;
+        let deadline = self.link.machine.now() + TRANSITION;
         loop {
             self.link.receive()?;
             let state = &self.link.newest;
@@ -167,7 +167,7 @@ impl Client {
             if !matches!(state.robot_mode, RobotMode::Idle | RobotMode::Move) {
                 return Err(self.ended().into());
             }
-            if Instant::now() > deadline {
+            if self.link.machine.now() > deadline {
                 self.moving = false;
                 self.link.tcp.post(&Request::StopMove)?;
                 return Err(self.not_ready());
@@ -275,7 +275,7 @@ impl Client {
         if !self.moving {
             return Ok(());
         }
-        let deadline = Instant::now() + TRANSITION;
+        let deadline = self.link.machine.now() + TRANSITION;
         self.pending = false;
         loop {
             self.answerable = false;
@@ -283,7 +283,7 @@ impl Client {
             if !self.link.newest.torque_motion_runs(self.link.version) {
                 break;
             }
-            if Instant::now() > deadline {
+            if self.link.machine.now() > deadline {
                 self.moving = false;
                 self.link.tcp.post(&Request::StopMove)?;
                 return Err(ClientError::NoResponse {
@@ -316,8 +316,8 @@ impl Client {
             return Ok(());
         }
         self.link.request(&Request::StopMove)?;
-        let deadline = Instant::now() + TRANSITION;
-        while self.link.newest.torque_motion_runs(self.link.version) && Instant::now() < deadline {
+        let deadline = self.link.machine.now() + TRANSITION;
+        while self.link.newest.torque_motion_runs(self.link.version) && self.link.machine.now() < deadline {
             self.link.receive()?;
         }
         self.link.tcp.motion_end(TRANSITION).map(|_| ())

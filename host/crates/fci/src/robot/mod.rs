@@ -4,7 +4,8 @@
 //! - [`ArmHardware`]: what moves. One step a millisecond: a command in, a measurement out. [`JointArm`] is a simple one for
 //!   tests; a simulated plant can stand here instead.
 //! - [`RobotSupervisor`]: the robot's rules, without sockets and clock: modes, reflexes, limits, success rate.
-//! - [`RobotSide`]: TCP, UDP and the 1 kHz clock, on a thread of its own.
+//! - [`RobotSide`]: TCP, UDP and the 1 kHz clock, as a process of its own: a thread, or in tests a part of a simulated
+//!   network ([`RobotConfig::machine`]).
 //!
 //! # Which rules are kept
 //! | rule | error (the robot's own name) |
@@ -26,7 +27,7 @@
 //! torque command repeats the last one.
 //!
 //! # The clock
-//! One state each millisecond of the wall clock. The thread of an ordinary computer oversleeps now and then. The
+//! One state each millisecond of its machine's time. The thread of an ordinary computer oversleeps now and then. The
 //! simulated robot then slips: it does not make up for lost periods, and counts them ([`RobotStatistics::slipped`]).
 //! [`Tolerance::tolerant`] also waits up to 100 ms for the answer to each state of a motion, so that a loaded test
 //! machine does not cause the reflexes of a bad network. A real robot does neither.

@@ -1,6 +1,7 @@
 //! The socket: what [`Client`](super::Client) and [`ReadOnlyClient`](super::ReadOnlyClient) share.
 
-use std::net::{IpAddr, SocketAddr, UdpSocket};
+use std::net::{IpAddr, SocketAddr};
+use std::sync::Arc;
 
 use spherecal_cyclic::Inbox;
 
@@ -68,8 +69,16 @@ pub(super) struct ClientLink {
 impl ClientLink {
     pub(super) fn open(config: &ClientConfig) -> Result<Self, ClientError> {
         let address = config.address;
-        let udp = UdpSocket::bind(address).map_err(|source| ClientError::Listen { address, source })?;
-        let inbox = Inbox::new(udp, config.timeout, config.spin, config.busy_poll_us)?;
+        let machine = &config.machine;
+        let udp = machine.datagrams(address);
+        let udp = udp.map_err(|source| ClientError::Listen { address, source })?;
+        let inbox = Inbox::new(
+            Arc::clone(machine),
+            udp,
+            config.timeout,
+            config.spin,
+            config.busy_poll_us,
+        )?;
         Ok(Self {
             statistics: LinkStatistics::default(),
             state: MonitoredState::default(),
@@ -105,7 +114,8 @@ impl ClientLink {
             taken |= self.take(size, from, &mut found)?;
         }
         if !taken {
-            return Err(ClientError::Silent { after: wait.elapsed() });
+            let after = self.inbox.waited(&wait);
+            return Err(ClientError::Silent { after });
         }
         let superseded = self.statistics.messages - messages_before - 1;
         self.statistics.superseded += superseded;

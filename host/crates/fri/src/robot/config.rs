@@ -1,7 +1,10 @@
 //! Settings of the cabinet's side.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::sync::Arc;
 use std::time::Duration;
+
+use spherecal_cyclic::{Machine, this_machine};
 
 use crate::{JOINTS, UDP_PORT};
 
@@ -30,8 +33,10 @@ impl Tolerance {
 }
 
 /// Settings of the cabinet's side.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct CabinetConfig {
+    /// Time and network of this side.
+    pub machine: Arc<dyn Machine>,
     /// Where the client listens.
     pub client: SocketAddr,
     /// Time between two messages, ms: 1 to 100.
@@ -50,8 +55,9 @@ pub struct CabinetConfig {
 
 impl CabinetConfig {
     /// A strict LBR iiwa 7 with a period of 1 ms, for a client on this machine at port 30200.
-    pub const fn new() -> Self {
+    pub fn new() -> Self {
         Self {
+            machine: this_machine(),
             client: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), UDP_PORT),
             send_period_ms: 1,
             receive_multiplier: 1,

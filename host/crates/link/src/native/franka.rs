@@ -1,6 +1,7 @@
 //! A Panda or an FR3 behind the Franka Control Interface.
 
-use std::time::{Duration, Instant};
+use std::sync::Arc;
+use std::time::Duration;
 
 use spherecal_fci::PERIOD_S;
 use spherecal_fci::client::{Client, ClientConfig, ClientError};
@@ -93,7 +94,7 @@ impl FrankaDrive {
     /// The robot cannot be reached, speaks another version, or refuses a setting.
     pub fn connect(options: FrankaOptions) -> Result<Self, LinkError> {
         let mut client = open(&options).map_err(LinkError::device)?;
-        let mut recorder = DriveRecorder::new(PERIOD_US);
+        let mut recorder = DriveRecorder::new(PERIOD_US, Arc::clone(&options.config.machine));
         let limits = match own_limits(&mut client).map_err(LinkError::device)? {
             Some(Ok(limits)) => limits,
             Some(Err(error)) => {
@@ -231,7 +232,9 @@ impl FrankaDrive {
     }
 
     fn reconnect(&mut self) -> Result<(), LinkError> {
-        let begun = Instant::now();
+        let machine = Arc::clone(&self.options.config.machine);
+        let begun = machine.now();
+        let elapsed = || machine.now().saturating_duration_since(begun);
         match open(&self.options) {
             Ok(client) => {
                 self.client = Some(client);
@@ -240,10 +243,10 @@ impl FrankaDrive {
                 self.recorder.event(DriveEvent::Reconnected);
             }
             Err(error @ (ClientError::Version { .. } | ClientError::Wire(_))) => return Err(LinkError::device(error)),
-            Err(error) if self.silent + begun.elapsed() > GIVE_UP => return Err(LinkError::device(error)),
-            Err(_) => std::thread::sleep(RETRY.saturating_sub(begun.elapsed())),
+            Err(error) if self.silent + elapsed() > GIVE_UP => return Err(LinkError::device(error)),
+            Err(_) => machine.sleep(RETRY.saturating_sub(elapsed())),
         }
-        self.heard_nothing(begun.elapsed());
+        self.heard_nothing(elapsed());
         Ok(())
     }
 
