@@ -121,8 +121,8 @@ fn long_a_minute_over_the_fast_robot_interface_allocates_nothing() {
 // Fails if a disk that takes 6 s to store an event lets the controller think that its host is gone: it stopped the arm after
 // 2 s, and the run ended when that came again. A coupling, a turn and a recording meet such a disk.
 #[test]
-#[ignore = "timed: 1 minute of real time"]
-fn timed_a_slow_disk_stops_no_arm() {
+#[ignore = "long: 1 minute of real time"]
+fn long_a_slow_disk_stops_no_arm() {
     let config = short("panda", 4);
     let (_robot, link) = panda(&config);
     let job = Job::over(&config, link);
