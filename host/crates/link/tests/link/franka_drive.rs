@@ -26,7 +26,6 @@ fn options(machine: &Arc<dyn Machine>, port: u16) -> FrankaOptions {
             machine: Arc::clone(machine),
             port,
             connect_timeout: Duration::from_secs(1),
-            // As the program has it.
             state_timeout: Duration::from_millis(500),
             ..ClientConfig::new("127.0.0.1")
         },
