@@ -40,7 +40,8 @@ impl Link {
         let Self::Franka { host, port } = self else {
             return Ok(None);
         };
-        let client = fci::Client::connect(&franka(host, *port, &DriveSection::default())).map_err(LinkError::device)?;
+        let client =
+            fci::ReadOnlyClient::connect(&franka(host, *port, &DriveSection::default())).map_err(LinkError::device)?;
         Ok(Some(client.version().robot()))
     }
 }

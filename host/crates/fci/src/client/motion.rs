@@ -45,10 +45,14 @@ impl Client {
     /// Connects to the robot. Nothing moves.
     ///
     /// # Errors
-    /// A [`ClientError`] if the robot cannot be reached or speaks no permitted version.
+    /// A [`ClientError`] if the robot cannot be reached, or speaks no permitted version or one that is only read.
     pub fn connect(config: &ClientConfig) -> Result<Self, ClientError> {
+        let link = ClientLink::connect(config)?;
+        if !link.version.can_move() {
+            return Err(ClientError::ReadOnly { version: link.version });
+        }
         Ok(Self {
-            link: ClientLink::connect(config)?,
+            link,
             limits: config.limits,
             moving: false,
             answerable: false,
@@ -78,7 +82,7 @@ impl Client {
         self.moving
     }
 
-    /// The robot model in URDF; `None` in the versions 5 and 7, which have no such request.
+    /// The robot model in URDF; `None` before version 8, which has no such request.
     ///
     /// # Errors
     /// A [`ClientError`] if the robot does not answer or refuses.

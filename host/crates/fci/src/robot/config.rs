@@ -48,7 +48,7 @@ impl Tolerance {
 pub struct RobotConfig {
     /// Its time and its network.
     pub machine: Arc<dyn Machine>,
-    /// The version that it speaks, and with it the robot: 5 is a Panda, the others are FR3.
+    /// The version that it speaks, and with it the robot: 4 and 5 are a Panda, the others are an FR3.
     pub version: Version,
     /// Where it listens. Port 0 takes any free port; the official clients know only 1337.
     pub address: SocketAddr,

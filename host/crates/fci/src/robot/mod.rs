@@ -1,4 +1,4 @@
-//! The robot side: speaks the protocol as a Panda (version 5) or an FR3 (versions 7, 8 and 10).
+//! The robot side: speaks the protocol as a Panda (versions 4 and 5) or an FR3 (versions 6 to 10).
 //!
 //! Three layers:
 //! - [`ArmHardware`]: what moves. One step a millisecond: a command in, a measurement out. [`JointArm`] is a simple one for

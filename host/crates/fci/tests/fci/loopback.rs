@@ -34,7 +34,7 @@ fn until_the_end(client: &mut Client) -> spherecal_fci::client::MotionEnd {
 #[test]
 fn every_version_holds_the_arm() {
     let world = World::new(0);
-    for version in Version::ALL {
+    for version in Version::ALL.into_iter().filter(|v| v.can_move()) {
         let (side, _arm) = robot(&world, version);
         let mut client = Client::connect(&config(&world, side.address())).expect("a connection");
         assert_eq!(client.version(), version);
@@ -104,7 +104,7 @@ fn a_jump_of_the_law_is_clamped_and_counted() {
 #[test]
 fn a_torque_jump_is_a_named_reflex_and_recovers() {
     let world = World::new(0);
-    for version in Version::ALL {
+    for version in Version::ALL.into_iter().filter(|v| v.can_move()) {
         let (side, _arm) = robot(&world, version);
         let mut settings = config(&world, side.address());
         settings.limits = TorqueLimits {
@@ -309,6 +309,25 @@ fn the_observer_reads_and_never_commands() {
             (0, 0, 0)
         );
     }
+}
+
+// Fails if a client that moves connects to a robot that is only read, or if the error does not say so.
+#[test]
+fn a_version_that_is_only_read_moves_nothing() {
+    let world = World::new(0);
+    let (side, _arm) = robot(&world, Version::V4);
+    let error = Client::connect(&config(&world, side.address()))
+        .err()
+        .expect("an error");
+    assert!(
+        matches!(error, ClientError::ReadOnly { version: Version::V4 }),
+        "{error}"
+    );
+    let mut observer = ReadOnlyClient::connect(&config(&world, side.address())).expect("a connection");
+    let mut state = RobotState::default();
+    observer.receive(&mut state).expect("a state");
+    assert!(deviation(&state, &READY) < 1e-3);
+    assert_eq!(side.shut_down().commands, 0);
 }
 
 // Fails if a client that connects right after the one before it has left is turned away.

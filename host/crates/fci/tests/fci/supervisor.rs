@@ -187,7 +187,7 @@ fn a_reflex_lasts_until_the_recovery() {
 // Fails if a Panda ends a motion by the flag of the FR3, or the other way round.
 #[test]
 fn the_motion_ends_by_the_flag_of_its_version() {
-    for version in Version::ALL {
+    for version in Version::ALL.into_iter().filter(|v| v.can_move()) {
         let mut rig = Rig::moving(version);
         rig.period(Some([0.0; 7]));
         let mut bytes = [0; MAX_COMMAND_SIZE];
