@@ -11,7 +11,7 @@ use spherecal_cyclic::{Datagrams, PeriodClock, Process, Published, Side};
 use super::arm::ArmHardware;
 use super::cabinet::Cabinet;
 use super::config::CabinetConfig;
-use crate::wire::{CommandMessage, MAX_MESSAGE_SIZE, Quality, SafetyState, SessionState};
+use crate::wire::{CommandMessage, Framing, MAX_DATAGRAM_SIZE, MAX_MESSAGE_SIZE, Quality, SafetyState, SessionState};
 
 /// How often a patient cabinet looks for an answer that is late.
 const LOOK: Duration = Duration::from_micros(100);
@@ -29,7 +29,7 @@ pub struct CabinetStatistics {
     pub missing: u64,
     /// Answers that came too late: they answer an older message.
     pub late: u64,
-    /// Datagrams that are no command message.
+    /// Datagrams that are no command message, or in another frame than the cabinet's.
     pub malformed: u64,
     /// Answers with a torque other than zero to a message outside COMMANDING_ACTIVE. A client must never send one.
     pub torques_after_stop: u64,
@@ -68,7 +68,7 @@ impl CabinetSide {
             IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
             IpAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
         };
-        let udp = machine.datagrams((any, 0).into())?;
+        let udp = machine.datagrams(config.address.unwrap_or((any, 0).into()))?;
         let period = Duration::from_millis(config.send_period_ms.max(1).into());
         let clock = PeriodClock::start(period, machine.now());
         let side = Side::start(machine.as_ref(), "fri-cabinet", |shared| {
@@ -169,14 +169,16 @@ impl CabinetServer {
         self.sent = message.connection.session;
         let mut bytes = [0; MAX_MESSAGE_SIZE];
         if let Ok(size) = message.encode(&mut bytes, self.config.checksum) {
+            let mut datagram = [0; MAX_DATAGRAM_SIZE];
+            let size = self.config.framing.close(&bytes[..size], &mut datagram);
             // A network that refuses a datagram loses it.
-            let _ = self.udp.send(&bytes[..size], self.config.client);
+            let _ = self.udp.send(&datagram[..size], self.config.client);
         }
     }
 
     /// Takes every command that has come. The answer to the newest message counts.
     fn take_commands(&mut self) {
-        let mut bytes = [0; MAX_MESSAGE_SIZE + 1];
+        let mut bytes = [0; MAX_DATAGRAM_SIZE + 1];
         loop {
             let (size, from) = match self.udp.receive(&mut bytes) {
                 Ok(received) => received,
@@ -188,7 +190,9 @@ impl CabinetServer {
             if from.ip() != self.config.client.ip() {
                 continue;
             }
-            let Ok(command) = CommandMessage::decode(&bytes[..size]) else {
+            let (framing, message, _) = Framing::open(&bytes[..size]);
+            let command = CommandMessage::decode(message);
+            let Some(command) = command.ok().filter(|_| framing == self.config.framing) else {
                 self.count.malformed += 1;
                 continue;
             };

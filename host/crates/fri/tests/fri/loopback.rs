@@ -1,14 +1,16 @@
 //! Our client against our cabinet, on a virtual clock.
 
+use std::net::SocketAddr;
 use std::sync::atomic::Ordering;
+use std::time::Duration;
 
 use crate::common::{cabinet, cabinet_with, commanding, config, deviation, for_client, hold, rise, until};
-use spherecal_cyclic::testing::World;
+use spherecal_cyclic::testing::{LOCAL, World};
 use spherecal_fri::client::{
     Client, ClientError, CommandingEnd, EndCause, MonitoredState, ReadOnlyClient, TorqueLimits, measured_sign,
 };
-use spherecal_fri::robot::{CabinetConfig, START};
-use spherecal_fri::wire::{ClientCommandMode, Quality, SafetyState, SessionState};
+use spherecal_fri::robot::{CabinetConfig, CabinetSide, JointArm, START};
+use spherecal_fri::wire::{ClientCommandMode, Framing, Quality, SafetyState, SessionState};
 
 fn ended(result: Result<impl std::fmt::Debug, ClientError>) -> CommandingEnd {
     match result {
@@ -225,6 +227,45 @@ fn each_nth_message_is_answered() {
     assert_eq!(side.shut_down().torques_after_stop, 0);
 }
 
+// Fails if a cabinet of version 2.7, whose messages have frames, is not answered in frames, or a frame is taken for damaged.
+#[test]
+fn messages_in_frames_are_answered_in_frames() {
+    let world = World::new(0);
+    let mut client = Client::listen(&config(&world)).expect("a client");
+    let (side, _arm) = cabinet_with(CabinetConfig {
+        framing: Framing::Framed,
+        ..for_client(&world.machine(), client.address().expect("an address"))
+    });
+    rise(&mut client, &side);
+    let mut state = MonitoredState::default();
+    for _ in 0..500 {
+        let cycle = client.exchange(&mut state, hold(START)).expect("a cycle");
+        assert!(cycle.commanded && deviation(&state, &START) < 1e-3);
+    }
+    assert_eq!(client.statistics().checksum_differs, 0);
+    let statistics = side.shut_down();
+    assert_eq!((statistics.malformed, statistics.missing), (0, 0));
+}
+
+// Fails if the cabinet sends from another address than it was told: a client that knows the cabinet hears nothing then.
+#[test]
+fn the_cabinet_sends_from_its_address() {
+    let world = World::new(0);
+    let machine = world.machine();
+    let client = machine.datagrams(LOCAL).expect("a port");
+    let address: SocketAddr = "127.0.0.1:30200".parse().expect("an address");
+    let settings = CabinetConfig {
+        address: Some(address),
+        ..for_client(&machine, client.address().expect("an address"))
+    };
+    let (_side, _arm) = cabinet_with(settings.clone());
+    client.set_wait(Some(Duration::from_millis(5))).expect("a wait");
+    let (_, from) = client.receive(&mut [0; 2000]).expect("a message");
+    assert_eq!(from, address);
+    // A second cabinet cannot be there.
+    assert!(CabinetSide::start(settings, Box::new(JointArm::new(START))).is_err());
+}
+
 // Fails if the read-only mode commands, lets a motion begin, or misses a hand-guided motion.
 #[test]
 fn the_observer_watches_and_never_commands() {
@@ -281,7 +322,7 @@ fn a_taken_port_is_an_error() {
     let error = Client::listen(&settings).err().expect("refused");
     assert!(matches!(&error, ClientError::Listen { .. }), "{error}");
     let mut quiet = config(&world);
-    quiet.timeout = std::time::Duration::from_millis(20);
+    quiet.timeout = Duration::from_millis(20);
     let mut observer = ReadOnlyClient::listen(&quiet).expect("an observer");
     let silent = observer.receive(&mut MonitoredState::default());
     assert!(matches!(silent, Err(ClientError::Silent { .. })));
