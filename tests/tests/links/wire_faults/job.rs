@@ -198,7 +198,7 @@ impl Job {
         let stored = self.stored();
         assert!(stored.rejected.is_empty(), "{:?}", stored.rejected);
         let rings = |report: &&FaultReport| {
-            (report.fault, report.phase, report.joint) == (Fault::Unstable, Phase::Approaching, 6)
+            (report.fault, report.phase, report.joint) == (Fault::Unstable, Phase::Approaching, 7)
                 && report.value.abs() < 1.5 * report.limit
         };
         let ringing = stored.faults.iter().filter(rings).count();
