@@ -18,8 +18,11 @@
 //! | external force beyond its upper threshold | `cartesian_reflex` |
 //! | 20 commands missing in a row, or too low a success rate | `communication_constraints_violation` |
 //!
-//! Not simulated: Cartesian limits, power limit, self-collision, elbow rules, the robot's own motion generators and
-//! controllers, its filters, the thresholds for an accelerating arm, and gravity through the load (the [`ArmHardware`] decides that).
+//! | a motion generator's command jumps, is too fast or leads beyond a limit | `joint_motion_generator_...`, `cartesian_motion_generator_...` |
+//!
+//! Not simulated: Cartesian limits, power limit, self-collision, elbow rules, deviation from the path, stiffness settings of the
+//! robot's own controllers (both follow the joints), its filters, the thresholds for an accelerating arm, and gravity through
+//! the load (the [`ArmHardware`] decides that).
 //!
 //! # What is our choice, because the maker does not state it
 //! The success rate that ends a motion (0.8), the default collision thresholds, the torque beyond the limit as
@@ -34,6 +37,7 @@
 
 mod arm;
 mod config;
+mod generator;
 mod kinematics;
 mod limits;
 mod model;
