@@ -96,7 +96,8 @@ pub(crate) fn export(
             (None, None) => (Vec::new(), None),
         };
         let exported = spherecal::report::export::export(store.as_mut(), &info, &files, Format::Csv, &folder)?;
-        Ok((exported.files, run, exported.torn_telemetry, remark))
+        let torn = exported.torn_telemetry.into_iter().map(|torn| torn.path).collect();
+        Ok((exported.files, run, torn, remark))
     })
 }
 

@@ -3,18 +3,22 @@
 
     fci_conformance.py 5  layout|control     panda-python 1.1.1 (libfranka 0.9.2, interface version 5)
     fci_conformance.py 10 layout|control     pylibfranka 0.21.3 (libfranka 0.21.3, interface version 10)
+    fci_conformance.py 10 generators         the robot's motion generators
     fci_conformance.py 5|10 plant KG,X,Y,Z   the same as control, against `spherecal plant --fci`
 
 layout:  the robot side sends a pattern: number `index` of field `field` is 100 (field + 1) + index, and one error flag
          after the other is set. The script checks what the client library reads under each name.
 control: reads states, holds the arm with a joint impedance for 5 s at 1 kHz within 1 mrad, provokes the reflex of a
          torque jump of 5,000 N m/s, recovers, and holds again.
+generators: moves by joint positions, joint velocities, Cartesian poses and Cartesian velocities, as the library's
+         examples do, with both of the robot's own controllers, and ends where the commands lead.
 plant:   the simulated arm carries a tool of this mass with this centre of mass (m, in the flange frame), and is held where
          it stands.
 
 Prints one JSON document. The exit code is 0 if everything held.
 """
 import json
+import math
 import sys
 
 READY = [0.0, -0.7853981633974483, 0.0, -2.356194490192345, 0.0, 1.5707963267948966, 0.7853981633974483]
@@ -230,11 +234,56 @@ def control(client, version, tool=None):
             "reflex": reflex}
 
 
+WAY = 0.02  # rad of joint 4, or m along x
+
+
+def generators(client):
+    """Each motion generator with each controller: from rest to rest in half a second."""
+    lib, robot = client.lib, client.robot
+    found = {}
+    for name, start, axis in [
+        ("joint_position", robot.start_joint_position_control, 3),
+        ("joint_velocity", robot.start_joint_velocity_control, 3),
+        ("cartesian_pose", robot.start_cartesian_pose_control, 12),
+        ("cartesian_velocity", robot.start_cartesian_velocity_control, 12),
+    ]:
+        for controller in (lib.ControllerMode.JointImpedance, lib.ControllerMode.CartesianImpedance):
+            active, seconds, first = start(controller), 0.0, None
+            while seconds < 0.5:
+                state, period = active.readOnce()
+                seconds = min(seconds + period.to_sec(), 0.5)
+                if first is None:
+                    first = list(state.q_d if axis == 3 else state.O_T_EE_c)
+                way = WAY * 0.5 * (1.0 - math.cos(math.pi * seconds / 0.5))
+                speed = WAY * math.pi * math.sin(math.pi * seconds / 0.5)
+                at = list(first)
+                at[axis] += way
+                if name == "joint_position":
+                    command = lib.JointPositions(at)
+                elif name == "joint_velocity":
+                    command = lib.JointVelocities([speed if j == axis else 0.0 for j in range(7)])
+                elif name == "cartesian_pose":
+                    command = lib.CartesianPose(at)
+                else:
+                    command = lib.CartesianVelocities([speed, 0.0, 0.0, 0.0, 0.0, 0.0])
+                command.motion_finished = seconds >= 0.5
+                active.writeOnce(command)
+            state = client.robot.read_once()
+            moved = (state.q if axis == 3 else state.O_T_EE)[axis] - first[axis]
+            # A robot side on a computer without real time repeats a velocity now and then.
+            if not 0.8 * WAY < moved < 1.2 * WAY:
+                fail(f"{name} moved by {moved}, asked for {WAY}")
+            found[f"{name}, {controller}"] = moved
+    return found
+
+
 def main():
     version, what = int(sys.argv[1]), sys.argv[2]
     client = Panda() if version == 5 else Fr3()
     if what == "layout":
         found = layout(client)
+    elif what == "generators":
+        found = generators(client)
     else:
         found = control(client, version, [float(v) for v in sys.argv[3].split(",")] if what == "plant" else None)
     print(json.dumps(found))

@@ -10,7 +10,7 @@ use spherecal_fci::TCP_PORT;
 use spherecal_fci::robot::{RobotConfig, RobotSide, Tolerance};
 use spherecal_fci::wire::Version;
 use spherecal_fri::robot::{CabinetConfig, CabinetSide};
-use spherecal_fri::wire::SessionState;
+use spherecal_fri::wire::{Framing, SessionState};
 
 use clap::Args;
 
@@ -42,12 +42,19 @@ pub struct PlantArgs {
     /// Be a Panda or an FR3 for clients of the Franka Control Interface, in real time.
     #[arg(long, conflicts_with_all = ["fri", "real_time", "once"])]
     pub fci: bool,
-    /// Version of the Franka Control Interface: 5 is a Panda; 7, 8 and 10 are an FR3.
-    #[arg(long, value_name = "5|7|8|10", requires = "fci")]
+    /// Version of the Franka Control Interface: 4 and 5 are a Panda, 6 to 10 an FR3.
+    #[arg(long, value_name = "4..10", requires = "fci")]
     pub version: Option<u16>,
     /// Be a KUKA cabinet with an LBR that sends to the client at this address, in real time.
     #[arg(long, value_name = "HOST:PORT", conflicts_with_all = ["real_time", "once"])]
     pub fri: Option<SocketAddr>,
+    /// With --fri: where the cabinet sends from. A client that is told the cabinet's address hears no other; a real
+    /// cabinet has port 30200. Default: any free port.
+    #[arg(long, value_name = "HOST:PORT", requires = "fri")]
+    pub from: Option<SocketAddr>,
+    /// With --fri: frame each message with its length and a checksum, as version 2.7 of the interface does.
+    #[arg(long, requires = "fri")]
+    pub framed: bool,
     /// Stiffness of the cabinet's joint impedance under the overlay, in N m/rad. The application
     /// sets 0.
     #[arg(long, value_name = "NM_RAD", requires = "fri", default_value_t = 0.0)]
@@ -139,7 +146,7 @@ fn address(text: &str) -> Result<SocketAddr, CliError> {
 pub(super) fn franka(args: &PlantArgs) -> Result<Exit, CliError> {
     let number = args.version.unwrap_or(Version::V10.number());
     let version =
-        Version::from_number(number).map_err(|_| CliError::input(format!("--version {number}: give 5, 7, 8 or 10")))?;
+        Version::from_number(number).map_err(|_| CliError::input(format!("--version {number}: give 4 to 10")))?;
     let mut config = args.configuration()?;
     if args.config.is_none() {
         version.robot().clone_into(&mut config.robot);
@@ -214,6 +221,8 @@ pub(super) fn kuka(args: &PlantArgs, client: SocketAddr) -> Result<Exit, CliErro
     };
     let mut side = CabinetConfig {
         client,
+        address: args.from,
+        framing: if args.framed { Framing::Framed } else { Framing::Bare },
         ..CabinetConfig::new()
     };
     let model = job::loaded_model(&config)?;

@@ -160,11 +160,12 @@ fn impossible_robots_are_refused_with_the_remedy() {
             "has 6 values, but the robot has 7 joints",
         ),
         (&["run", "--config", "slow.toml"], 2, "cell.drive.latency_us is 6000"),
-        (&["plant", "--fci", "--version", "6"], 2, "give 5, 7, 8 or 10"),
+        (&["plant", "--fci", "--version", "3"], 2, "give 4 to 10"),
         (&["plant", "--fci", "--config", "iiwa.toml"], 2, "robot = \"fr3\""),
         (&["plant", "--fci", "--preset", "easy"], 2, "as_measured"),
         (&["plant", "--tolerant"], 2, "give --fci or --fri"),
         (&["plant", "--fri", "127.0.0.1"], 2, "--fri"),
+        (&["plant", "--framed"], 2, "--fri"),
         (&["controller", "--drive", "sim"], 2, "franka:HOST"),
         (&["doctor", "--realtime=0"], 2, "0.1 to 3600 seconds"),
     ] {

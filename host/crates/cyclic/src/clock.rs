@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-/// Periods of the wall clock. A thread that is late slips: lost periods are counted, not made up for.
+/// Periods of a robot. A robot side that is late slips: lost periods are counted, not made up for.
 #[derive(Clone, Copy, Debug)]
 pub struct PeriodClock {
     period: Duration,
@@ -12,11 +12,11 @@ pub struct PeriodClock {
 
 impl PeriodClock {
     /// The first period begins now.
-    pub fn start(period: Duration) -> Self {
+    pub fn start(period: Duration, now: Instant) -> Self {
         let period = period.max(Duration::from_micros(1));
         Self {
             period,
-            end: Instant::now() + period,
+            end: now + period,
             slipped: 0,
         }
     }
@@ -26,29 +26,27 @@ impl PeriodClock {
         self.period
     }
 
-    /// Sleeps to the end of the period.
-    pub fn sleep(&self) {
-        if let Some(left) = self.end.checked_duration_since(Instant::now()) {
-            std::thread::sleep(left);
-        }
+    /// The end of this period.
+    pub fn end(&self) -> Instant {
+        self.end
     }
 
     /// Whether less than `patience` has gone by since the end of the period.
-    pub fn is_patient(&self, patience: Duration) -> bool {
-        Instant::now() < self.end + patience
+    pub fn is_patient(&self, now: Instant, patience: Duration) -> bool {
+        now < self.end + patience
     }
 
-    /// Begins the next period; now, if the thread is more than a period late.
-    pub fn advance(&mut self) {
+    /// Begins the next period; now, if the robot side is more than a period late.
+    pub fn advance(&mut self, now: Instant) {
         self.end += self.period;
-        let late = Instant::now().saturating_duration_since(self.end);
+        let late = now.saturating_duration_since(self.end);
         if late > self.period {
             self.slipped += (late.as_nanos() / self.period.as_nanos()) as u64;
-            self.end = Instant::now() + self.period;
+            self.end = now + self.period;
         }
     }
 
-    /// Periods by which the clock fell behind the wall clock.
+    /// Periods by which the robot fell behind the time.
     pub fn slipped(&self) -> u64 {
         self.slipped
     }
@@ -58,17 +56,17 @@ impl PeriodClock {
 mod tests {
     use super::*;
 
-    // Fails if a late thread makes up for lost periods, or does not count them.
+    // Fails if a late robot side makes up for lost periods, or does not count them.
     #[test]
-    fn a_late_thread_slips() {
-        let mut clock = PeriodClock::start(Duration::from_millis(1));
-        std::thread::sleep(Duration::from_millis(20));
-        clock.advance();
-        assert!(clock.slipped() >= 17, "{}", clock.slipped());
-        let before = clock.slipped();
-        clock.sleep();
-        assert!(!clock.is_patient(Duration::ZERO), "the period has ended");
-        assert!(clock.is_patient(Duration::from_mins(1)));
-        assert_eq!(clock.slipped(), before);
+    fn a_late_robot_side_slips() {
+        let (ms, begun) = (Duration::from_millis(1), Instant::now());
+        let mut clock = PeriodClock::start(ms, begun);
+        assert_eq!(clock.end(), begun + ms);
+        clock.advance(begun + ms);
+        assert_eq!((clock.end(), clock.slipped()), (begun + 2 * ms, 0));
+        let late = begun + 20 * ms;
+        assert!(!clock.is_patient(late, 18 * ms) && clock.is_patient(late, 19 * ms));
+        clock.advance(late);
+        assert_eq!((clock.end(), clock.slipped()), (late + ms, 17));
     }
 }

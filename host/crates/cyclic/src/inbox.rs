@@ -1,8 +1,11 @@
 //! The client's wait for the newest datagram. It allocates nothing.
 
 use std::io::{Error, ErrorKind};
-use std::net::{SocketAddr, UdpSocket};
+use std::net::SocketAddr;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
+
+use super::machine::{Datagrams, Machine};
 
 /// A system call for a socket failed.
 #[derive(Debug, thiserror::Error)]
@@ -19,12 +22,13 @@ pub fn io_error(action: &'static str) -> impl Fn(Error) -> SocketError {
     move |source| SocketError { action, source }
 }
 
-/// A UDP socket with a buffer of `N` bytes, of which the newest datagrams are taken.
+/// A port with a buffer of `N` bytes, of which the newest datagrams are taken.
 ///
 /// Choose `N` one larger than the largest message: a longer datagram then shows by its length.
 #[derive(Debug)]
 pub struct Inbox<const N: usize> {
-    socket: UdpSocket,
+    machine: Arc<dyn Machine>,
+    socket: Box<dyn Datagrams>,
     buffer: [u8; N],
     timeout: Duration,
     spin: Duration,
@@ -37,31 +41,24 @@ pub struct Wait {
     blocking: bool,
 }
 
-impl Wait {
-    /// How long it has taken so far.
-    pub fn elapsed(&self) -> Duration {
-        self.start.elapsed()
-    }
-}
-
 impl<const N: usize> Inbox<N> {
-    /// Takes the socket over. A wait ends after `timeout`; before it sleeps, it polls the socket for `spin`.
+    /// Takes a port of this machine over. A wait ends after `timeout`; before it sleeps, it polls the port for `spin`.
     ///
     /// # Errors
-    /// If the system refuses the timeout or `SO_BUSY_POLL` (`busy_poll_us` microseconds; Linux only).
+    /// If the system refuses `SO_BUSY_POLL` (`busy_poll_us` microseconds; Linux only).
     pub fn new(
-        socket: UdpSocket,
+        machine: Arc<dyn Machine>,
+        socket: Box<dyn Datagrams>,
         timeout: Duration,
         spin: Duration,
         busy_poll_us: Option<u32>,
     ) -> Result<Self, SocketError> {
-        socket
-            .set_read_timeout(Some(timeout.max(Duration::from_micros(1))))
-            .map_err(io_error("set a timeout"))?;
         if let Some(us) = busy_poll_us {
-            busy_poll(&socket, us)?;
+            let refused = io_error("set SO_BUSY_POLL; it may need the right CAP_NET_ADMIN");
+            socket.busy_poll(us).map_err(refused)?;
         }
         Ok(Self {
+            machine,
             socket,
             buffer: [0; N],
             timeout,
@@ -74,7 +71,7 @@ impl<const N: usize> Inbox<N> {
     /// # Errors
     /// What the system says.
     pub fn address(&self) -> Result<SocketAddr, SocketError> {
-        self.socket.local_addr().map_err(io_error("read the port"))
+        self.socket.address().map_err(io_error("read the port"))
     }
 
     /// The first `size` bytes of the buffer: the last datagram.
@@ -87,8 +84,7 @@ impl<const N: usize> Inbox<N> {
     /// # Errors
     /// What the system says.
     pub fn send(&self, bytes: &[u8], to: SocketAddr) -> Result<(), SocketError> {
-        let sent = self.socket.send_to(bytes, to);
-        sent.map(|_| ()).map_err(io_error("send a command"))
+        self.socket.send(bytes, to).map_err(io_error("send a command"))
     }
 
     /// Begins a wait.
@@ -96,11 +92,16 @@ impl<const N: usize> Inbox<N> {
     /// # Errors
     /// What the system says.
     pub fn wait(&self) -> Result<Wait, SocketError> {
-        self.set_blocking(false)?;
+        self.set_wait(None)?;
         Ok(Wait {
-            start: Instant::now(),
+            start: self.machine.now(),
             blocking: false,
         })
+    }
+
+    /// How long a wait has taken so far.
+    pub fn waited(&self, wait: &Wait) -> Duration {
+        self.machine.now().saturating_duration_since(wait.start)
     }
 
     /// The next datagram: its size and sender. `taken` says whether one of this wait was of use.
@@ -116,20 +117,20 @@ impl<const N: usize> Inbox<N> {
         }
         loop {
             // Old or foreign datagrams must not keep the client waiting for ever.
-            if !taken && wait.elapsed() > self.timeout {
+            if !taken && self.waited(wait) > self.timeout {
                 return Ok(None);
             }
-            match self.socket.recv_from(&mut self.buffer) {
+            match self.socket.receive(&mut self.buffer) {
                 Ok(received) => return Ok(Some(received)),
                 Err(error) if error.kind() == ErrorKind::WouldBlock && !wait.blocking => {
                     if taken {
                         return Ok(None);
                     }
-                    if wait.elapsed() >= self.spin {
-                        self.set_blocking(true)?;
+                    if self.waited(wait) >= self.spin {
+                        self.set_wait(Some(self.timeout))?;
                         wait.blocking = true;
                     } else {
-                        std::hint::spin_loop();
+                        self.machine.pause();
                     }
                 }
                 Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => return Ok(None),
@@ -139,10 +140,8 @@ impl<const N: usize> Inbox<N> {
         }
     }
 
-    fn set_blocking(&self, blocking: bool) -> Result<(), SocketError> {
-        self.socket
-            .set_nonblocking(!blocking)
-            .map_err(io_error("use the UDP port"))
+    fn set_wait(&self, wait: Option<Duration>) -> Result<(), SocketError> {
+        self.socket.set_wait(wait).map_err(io_error("use the UDP port"))
     }
 }
 
@@ -154,35 +153,26 @@ fn works_on(error: &Error) -> bool {
     )
 }
 
-#[cfg(target_os = "linux")]
-fn busy_poll(socket: &UdpSocket, us: u32) -> Result<(), SocketError> {
-    socket2::SockRef::from(socket)
-        .set_busy_poll(us)
-        .map_err(io_error("set SO_BUSY_POLL; it may need the right CAP_NET_ADMIN"))
-}
-
-#[cfg(not(target_os = "linux"))]
-fn busy_poll(_socket: &UdpSocket, _us: u32) -> Result<(), SocketError> {
-    Err(io_error("set SO_BUSY_POLL")(Error::from(ErrorKind::Unsupported)))
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::machine::{Process, this_machine};
+    use super::super::testing::{LOCAL, World};
     use super::*;
 
-    fn pair(timeout: Duration) -> (Inbox<8>, UdpSocket, SocketAddr) {
-        let inbox = UdpSocket::bind("127.0.0.1:0").expect("a port");
-        let to = inbox.local_addr().expect("an address");
-        let inbox = Inbox::new(inbox, timeout, Duration::ZERO, None).expect("an inbox");
-        (inbox, UdpSocket::bind("127.0.0.1:0").expect("a port"), to)
+    fn pair(machine: Arc<dyn Machine>, timeout: Duration) -> (Inbox<8>, Box<dyn Datagrams>, SocketAddr) {
+        let port = || machine.datagrams(LOCAL).expect("a port");
+        let (inbox, sender) = (port(), port());
+        let to = inbox.address().expect("an address");
+        let inbox = Inbox::new(Arc::clone(&machine), inbox, timeout, Duration::ZERO, None).expect("an inbox");
+        (inbox, sender, to)
     }
 
     // Fails if a wait hands out less than everything that has come, or waits for more after a useful datagram.
     #[test]
     fn everything_that_has_come_is_taken() {
-        let (mut inbox, sender, to) = pair(Duration::from_secs(10));
+        let (mut inbox, sender, to) = pair(this_machine(), Duration::from_secs(10));
         for number in 0..3 {
-            sender.send_to(&[number], to).expect("sent");
+            sender.send(&[number], to).expect("sent");
         }
         std::thread::sleep(Duration::from_millis(20));
         let mut wait = inbox.wait().expect("a wait");
@@ -193,22 +183,27 @@ mod tests {
         assert_eq!(seen, [0, 1, 2]);
     }
 
+    /// Sends a datagram every 5 ms.
+    struct Flood(Box<dyn Datagrams>, SocketAddr);
+
+    impl Process for Flood {
+        fn turn(&mut self, now: Instant) -> Instant {
+            self.0.send(&[0], self.1).expect("sent");
+            now + Duration::from_millis(5)
+        }
+    }
+
     // Fails if datagrams that are of no use make a wait longer than its time.
     #[test]
     fn useless_datagrams_do_not_prolong_a_wait() {
-        let (mut inbox, sender, to) = pair(Duration::from_millis(50));
-        let flood = std::thread::spawn(move || {
-            for _ in 0..200 {
-                sender.send_to(&[0], to).expect("sent");
-                std::thread::sleep(Duration::from_millis(5));
-            }
-        });
+        let world = World::new(0);
+        let (mut inbox, sender, to) = pair(world.machine(), Duration::from_millis(52));
+        let _flood = world.run("flood", Box::new(Flood(sender, to))).expect("a process");
         let mut wait = inbox.wait().expect("a wait");
         let mut count = 0;
         while inbox.next(&mut wait, false).expect("a datagram").is_some() {
             count += 1;
         }
-        assert!((1..200).contains(&count), "{count} datagrams");
-        flood.join().expect("an end");
+        assert_eq!((count, inbox.waited(&wait).as_millis()), (12, 55));
     }
 }

@@ -3,18 +3,21 @@
 //! `spherecal-fci` (Franka) and `spherecal-fri` (KUKA) are built on it:
 //! - [`wire_enum!`]: enumerations with the maker's numbers and names;
 //! - [`Inbox`]: the client's wait for the newest datagram, without allocation;
-//! - [`Side`] and [`PeriodClock`]: a simulated robot side on a thread of its own, paced by the wall clock;
-//! - `testing` (feature of the same name): a network that loses, delays and repeats datagrams.
+//! - [`Machine`]: time and network of one side; `testing::World` is a virtual one;
+//! - [`Process`], [`Side`] and [`PeriodClock`]: a simulated robot side as a process of its own;
+//! - `testing` (feature of the same name): a network on a virtual clock that loses, delays and repeats datagrams.
 
 #![forbid(unsafe_code)]
 
 mod clock;
 mod inbox;
+mod machine;
 mod side;
-#[cfg(feature = "testing")]
+#[cfg(any(test, feature = "testing"))]
 pub mod testing;
 mod wire_enum;
 
 pub use clock::PeriodClock;
 pub use inbox::{Inbox, SocketError, Wait, io_error};
+pub use machine::{Datagrams, Listener, Machine, Process, Running, Stream, this_machine};
 pub use side::{Published, Side};

@@ -13,9 +13,9 @@ use spherecal_fci::wire::Version;
 const HELP: &str = "\
 Simulates a Panda or an FR3 with seven independent joints.
 
-usage: fci_robot [--version 5|7|8|10] [--address IP:PORT] [--tolerant] [--seconds N]
+usage: fci_robot [--version 4..10] [--address IP:PORT] [--tolerant] [--seconds N]
 
-  --version N        version of the interface: 5 is a Panda, 7, 8 and 10 are an FR3 (default 10)
+  --version N        version of the interface: 4 and 5 are a Panda, 6 to 10 an FR3 (default 10)
   --address IP:PORT  where to listen (default 127.0.0.1:1337; official clients know only port 1337)
   --tolerant         wait up to 100 ms for each answer of a motion: for machines without real time.
                      A real robot does not wait.

@@ -1,7 +1,7 @@
 //! The Franka Control Interface (FCI): the 1 kHz interface of the robots Panda and FR3.
 //!
 //! Three rooms:
-//! - [`wire`]: every message of the interface, encoded and decoded byte by byte, in the versions 5, 7, 8 and 10.
+//! - [`wire`]: every message of the interface, encoded and decoded byte by byte, in the versions 4 to 10.
 //! - [`client`]: drives a real robot. It connects, sets load and collision thresholds, starts a torque motion and
 //!   exchanges one state and one command each millisecond without allocating memory.
 //! - [`robot`]: the robot side. It speaks the protocol as a Panda or an FR3 and keeps the robot's own limits, so that

@@ -2,8 +2,10 @@
 //! ones for the other side.
 
 use std::net::SocketAddr;
+use std::sync::Arc;
 use std::time::Duration;
 
+use spherecal_cyclic::{Machine, this_machine};
 use spherecal_fci::client as fci;
 use spherecal_fri::client as fri;
 use spherecal_link::native::{FrankaDrive, FrankaOptions, KukaDrive, KukaOptions, Undeclared, collision_behavior};
@@ -38,7 +40,8 @@ impl Link {
         let Self::Franka { host, port } = self else {
             return Ok(None);
         };
-        let client = fci::Client::connect(&franka(host, *port, &DriveSection::default())).map_err(LinkError::device)?;
+        let client =
+            fci::ReadOnlyClient::connect(&franka(host, *port, &DriveSection::default())).map_err(LinkError::device)?;
         Ok(Some(client.version().robot()))
     }
 }
@@ -95,16 +98,36 @@ fn busy_poll(waiting: &DriveSection) -> Option<u32> {
 /// # Errors
 /// The robot cannot be reached or refuses a setting, or the link is of another kind.
 pub fn drive(model: &RobotModel, config: &Config, link: &Link) -> Result<Box<dyn Drive>, JobError> {
+    drive_on(&this_machine(), model, config, link)
+}
+
+/// As [`drive`], with time and network of this machine.
+///
+/// # Errors
+/// Those of [`drive`].
+pub fn drive_on(
+    machine: &Arc<dyn Machine>,
+    model: &RobotModel,
+    config: &Config,
+    link: &Link,
+) -> Result<Box<dyn Drive>, JobError> {
+    let machine = Arc::clone(machine);
     let (procedure, waiting) = (&config.procedure, &config.cell.drive);
     match link {
         Link::Franka { host, port } => Ok(Box::new(FrankaDrive::connect(FrankaOptions {
-            config: franka(host, *port, waiting),
+            config: fci::ClientConfig {
+                machine,
+                ..franka(host, *port, waiting)
+            },
             load: model.tool.body,
             thresholds: collision_behavior(procedure),
             undeclared: undeclared(waiting),
         })?)),
         Link::Fri(address) => Ok(Box::new(KukaDrive::listen(&KukaOptions {
-            config: cabinet(*address, waiting),
+            config: fri::ClientConfig {
+                machine,
+                ..cabinet(*address, waiting)
+            },
             torque_rate: procedure.law.torque_rate_nm_s,
             robot: model.robot.clone(),
             tool: model.tool_in_table(),

@@ -21,6 +21,11 @@ use crate::simulated::SimulatedArmError;
 const JOINTS: usize = 7;
 /// Pole of the robot's own estimate of external torques, in 1/s.
 const OBSERVER_RAD_S: f64 = 60.0;
+/// Stiffness of a Franka's own joint controller, N m/rad. A real one has up to 3,000: this is what the light wrist of the
+/// simulated arm, which has no rotors, takes at 1 kHz.
+const STIFFNESS_NM_RAD: [f64; JOINTS] = [600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0];
+/// Its damping, N m s/rad.
+const DAMPING_NM_S_RAD: [f64; JOINTS] = [50.0, 50.0, 40.0, 40.0, 10.0, 8.0, 2.0];
 /// Control period of the plant, in s.
 const PERIOD_S: f64 = 1e-3;
 
@@ -128,6 +133,13 @@ impl fci::ArmHardware for RobotArm {
     fn step(&mut self, command: fci::ArmCommand) -> fci::ArmState {
         match command {
             fci::ArmCommand::Torque(torque) => self.follow(&torque),
+            fci::ArmCommand::Follow(q, dq) => {
+                let sensed = self.plant.sensed();
+                let torque = std::array::from_fn(|j| {
+                    STIFFNESS_NM_RAD[j] * (q[j] - sensed.q[j]) + DAMPING_NM_S_RAD[j] * (dq[j] - sensed.dq[j])
+                });
+                self.follow(&torque);
+            }
             fci::ArmCommand::Guide => self.follow(&[0.0; JOINTS]),
             fci::ArmCommand::Hold | fci::ArmCommand::Brake => self.brake(),
         }

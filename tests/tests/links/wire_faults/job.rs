@@ -6,9 +6,10 @@ use std::sync::atomic::AtomicBool;
 
 use spherecal::campaign::{CampaignObserver, Progress};
 use spherecal::job::{self, Choice, Config, JobError, MeasuredRun, PreparedRun, Site, Summary};
-use spherecal::link::Arrival;
+use spherecal::link::{Arrival, Device, LocalDevice, controller_in_process};
 use spherecal::simulated;
 use spherecal::store::{CalibrationStore, SqlStore, StoredRun};
+use spherecal_cyclic::testing::World;
 use spherecal_shared::protocol::host::{Event, Fault, FaultReport, Phase};
 
 use super::robots::Robot;
@@ -34,6 +35,8 @@ pub(super) struct Job {
     prepared: PreparedRun,
     folder: tempfile::TempDir,
     link: job::Link,
+    /// Where robot and controller live; `None`: on this machine.
+    world: Option<World>,
 }
 
 /// What one session of a job came to.
@@ -84,16 +87,29 @@ impl CampaignObserver for Watch<'_> {
 impl Job {
     /// Plans the job of `config` for this robot.
     pub(super) fn new(config: &Config, robot: &dyn Robot) -> Self {
-        Self::over(config, robot.link())
+        Self {
+            world: Some(robot.world().clone()),
+            ..Self::over(config, robot.link())
+        }
     }
 
-    /// Plans the job of `config` for the robot behind this link.
+    /// Plans the job of `config` for the robot behind this link of this machine.
     pub(super) fn over(config: &Config, link: job::Link) -> Self {
         Self {
             prepared: simulated::prepare(config).expect("a plan"),
             folder: tempfile::tempdir().expect("a folder"),
             link,
+            world: None,
         }
+    }
+
+    /// Controller and drive in the world of the robot.
+    fn device(&self, world: &World) -> Box<dyn Device> {
+        let PreparedRun { model, config, .. } = &self.prepared;
+        let drive = job::native::drive_on(&world.machine(), model, config, &self.link).expect("a drive");
+        let joints = drive.hello().limits.len();
+        let controller = controller_in_process(joints).expect("a controller");
+        Box::new(LocalDevice::new(controller, drive, joints).expect("a drive that fits"))
     }
 
     /// Its database.
@@ -117,7 +133,7 @@ impl Job {
             store: &mut store,
             observer: &mut watch,
             interrupt: &AtomicBool::new(false),
-            device: None,
+            device: self.world.as_ref().map(|world| self.device(world)),
         };
         let result = job::measure(&self.prepared, site, info.as_ref());
         Session {
@@ -175,15 +191,15 @@ impl Job {
     }
 
     /// Asserts that these sessions together recorded the whole plan, gave up no pose, and met only these faults. One
-    /// more is forgiven: joint 7 of a Franka rings when it meets a sphere, at up to 1.03 times the limit of the
-    /// instability guard. A stop there costs one attempt of the approach (`docs/recovery.md`).
+    /// more is forgiven: joint 7 of a simulated Franka has no rotor and rings when it meets a sphere, at up to 1.5 times
+    /// the limit of the instability guard. A stop there costs one attempt of the approach (`docs/recovery.md`).
     pub(super) fn finished(&self, sessions: &[&Session], permitted: &[Fault]) {
         assert_eq!(self.nothing_is_lost(sessions), self.planned());
         let stored = self.stored();
         assert!(stored.rejected.is_empty(), "{:?}", stored.rejected);
         let rings = |report: &&FaultReport| {
-            (report.fault, report.phase, report.joint) == (Fault::Unstable, Phase::Approaching, 6)
-                && report.value.abs() < 1.05 * report.limit
+            (report.fault, report.phase, report.joint) == (Fault::Unstable, Phase::Approaching, 7)
+                && report.value.abs() < 1.5 * report.limit
         };
         let ringing = stored.faults.iter().filter(rings).count();
         assert!(ringing <= 1, "{:?}", stored.faults);

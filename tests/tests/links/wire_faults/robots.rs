@@ -1,31 +1,26 @@
-//! The two robots behind networks that can fail, and what happens to them.
+//! The two robots in a simulated world, and what happens to them.
 
-use std::net::{SocketAddr, UdpSocket};
+use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 use spherecal::job::{Config, Link};
 use spherecal::sim::RobotArm;
 use spherecal::simulated;
-use spherecal_cyclic::testing::{Connected, Faults, LOCAL, Relay};
+use spherecal_cyclic::testing::{LOCAL, World};
+use spherecal_cyclic::{Machine as _, Process, Running};
 use spherecal_fci::robot::{self as fci, RobotConfig, RobotSide};
 use spherecal_fci::wire::{FlangeLoad, Version};
 use spherecal_fri::robot::{self as fri, CabinetConfig, CabinetSide, Tolerance};
 use spherecal_fri::wire::SessionState;
 
-/// How long a robot that restarts is off.
-const OFF: Duration = Duration::from_secs(1);
-/// How long the cabinet's application rests between two motions.
+/// How often the cabinet's application looks after its motion.
+const LOOK: Duration = Duration::from_millis(20);
+/// How long it rests between two motions.
 const NEXT_MOTION: Duration = Duration::from_millis(500);
-/// How long a robot waits for an answer where the test machine may be slow.
-pub(super) const LONG: Duration = Duration::from_millis(100);
-/// The same where the network loses much: each loss costs this time.
-pub(super) const SHORT: Duration = Duration::from_millis(30);
 /// Which datagrams are lost.
 const SEED: u64 = 1;
-/// Bytes of Franka's request to connect.
-const CONNECT_BYTES: usize = 16;
 
 /// What the robot counted, restarts included.
 #[derive(Clone, Copy, Debug, Default)]
@@ -36,20 +31,20 @@ pub(super) struct Counts {
     pub(super) missing: u64,
 }
 
-/// A robot, and what a test does to it while a job runs.
+/// A robot, and what a test does to it while a job runs. Nothing of this waits.
 pub(super) trait Robot: Send + Sync {
-    /// How the host reaches it, through the network.
+    /// How the host reaches it.
     fn link(&self) -> Link;
-    /// The network between.
-    fn faults(&self) -> &Faults;
+    /// Its time, and the network between.
+    fn world(&self) -> &World;
     /// Whether the arm follows torques.
     fn is_moving(&self) -> bool;
     /// The robot ends its motion by itself: by a reflex (Franka), or because the application ends (KUKA).
     fn trip(&self);
     /// The user stop (Franka) or a safety stop (KUKA), pressed or released.
     fn stop(&self, pressed: bool);
-    /// Off for a second, and on again. The arm stays where it is.
-    fn restart(&self);
+    /// On or off. The arm stays where it is.
+    fn switch(&self, on: bool);
     /// What it counted.
     fn counts(&self) -> Counts;
 }
@@ -94,42 +89,38 @@ impl fci::ArmHardware for Touched {
 
 /// A Panda or an FR3.
 pub(super) struct Franka {
+    world: World,
     config: RobotConfig,
     arm: Arc<Mutex<RobotArm>>,
     touched: Arc<AtomicBool>,
     side: Mutex<Option<RobotSide>>,
     earlier: Mutex<Counts>,
-    network: Connected,
 }
 
 impl Franka {
     /// The arm of `config` behind this version of the interface. The robot waits for `patience` for an answer.
     pub(super) fn start(config: &Config, version: Version, patience: Duration) -> Arc<Self> {
+        let world = World::new(SEED);
         let arm = simulated::robot(config, (0.0, 0.0)).expect("an arm");
-        let arm = Arc::new(Mutex::new(arm));
-        let touched = Arc::new(AtomicBool::new(false));
-        let mut config = RobotConfig::for_tests(version);
-        config.tolerance.patience = patience;
-        let side = Self::switch_on(&config, &arm, &touched);
-        // A robot that restarts has the same address.
-        config.address = side.address();
-        let network = Connected::before(side.address(), SEED, CONNECT_BYTES);
-        Arc::new(Self {
-            config,
-            arm,
-            touched,
-            side: Mutex::new(Some(side)),
-            earlier: Mutex::default(),
-            network,
-        })
-    }
-
-    fn switch_on(config: &RobotConfig, arm: &Arc<Mutex<RobotArm>>, touched: &Arc<AtomicBool>) -> RobotSide {
-        let arm = Touched {
-            arm: Arc::clone(arm),
-            touched: Arc::clone(touched),
+        let mut config = RobotConfig {
+            machine: world.machine(),
+            ..RobotConfig::for_tests(version)
         };
-        RobotSide::start(config.clone(), Box::new(arm)).expect("a robot")
+        config.tolerance.patience = patience;
+        // A robot that restarts has the same address.
+        let probe = world.listen(LOCAL).expect("a free port");
+        config.address = probe.address().expect("an address");
+        drop(probe);
+        let this = Arc::new(Self {
+            world,
+            config,
+            arm: Arc::new(Mutex::new(arm)),
+            touched: Arc::default(),
+            side: Mutex::default(),
+            earlier: Mutex::default(),
+        });
+        this.switch(true);
+        this
     }
 
     fn of(statistics: &fci::RobotStatistics) -> Counts {
@@ -143,13 +134,13 @@ impl Franka {
 impl Robot for Franka {
     fn link(&self) -> Link {
         Link::Franka {
-            host: self.network.address.ip().to_string(),
-            port: self.network.address.port(),
+            host: self.config.address.ip().to_string(),
+            port: self.config.address.port(),
         }
     }
 
-    fn faults(&self) -> &Faults {
-        &self.network.faults
+    fn world(&self) -> &World {
+        &self.world
     }
 
     fn is_moving(&self) -> bool {
@@ -168,13 +159,16 @@ impl Robot for Franka {
         }
     }
 
-    fn restart(&self) {
+    fn switch(&self, on: bool) {
         let mut side = locked(&self.side);
         if let Some(old) = side.take() {
             locked(&self.earlier).add(&Self::of(&old.shut_down()));
         }
-        std::thread::sleep(OFF);
-        *side = Some(Self::switch_on(&self.config, &self.arm, &self.touched));
+        let arm = Touched {
+            arm: Arc::clone(&self.arm),
+            touched: Arc::clone(&self.touched),
+        };
+        *side = on.then(|| RobotSide::start(self.config.clone(), Box::new(arm)).expect("a robot"));
     }
 
     fn counts(&self) -> Counts {
@@ -195,67 +189,79 @@ impl Counts {
 
 /// An LBR iiwa 7 and its cabinet, with the application that starts its motion again and again.
 pub(super) struct Kuka {
+    world: World,
     config: CabinetConfig,
     arm: Arc<Mutex<RobotArm>>,
-    /// Where the host listens.
-    client: SocketAddr,
     side: Mutex<Option<CabinetSide>>,
     earlier: Mutex<Counts>,
-    relay: Relay,
+    /// The application has ended its motion, and has not yet looked after it again.
+    tripped: AtomicBool,
+    _application: Running,
+}
+
+/// The application of a cabinet, as long as that exists.
+struct Application {
+    kuka: Weak<Kuka>,
+    without_motion: Instant,
+}
+
+impl Process for Application {
+    /// Wants its motion, and half a second after its end the next one.
+    fn turn(&mut self, now: Instant) -> Instant {
+        if let Some(kuka) = self.kuka.upgrade()
+            && let Some(side) = locked(&kuka.side).as_ref()
+        {
+            let command = &side.controls().command;
+            let session = side.statistics().session;
+            if matches!(
+                session,
+                Some(SessionState::CommandingWait | SessionState::CommandingActive)
+            ) {
+                self.without_motion = now;
+            } else if !command.load(Ordering::Relaxed) {
+                // The cabinet must see that the motion is over before the next one.
+                command.store(!kuka.tripped.swap(false, Ordering::Relaxed), Ordering::Relaxed);
+            } else if now > self.without_motion + NEXT_MOTION {
+                command.store(false, Ordering::Relaxed);
+                self.without_motion = now;
+            }
+        }
+        now + LOOK
+    }
 }
 
 impl Kuka {
     /// The arm of `config` behind a cabinet that waits for `patience` for an answer.
     pub(super) fn start(config: &Config, patience: Duration) -> Arc<Self> {
+        let world = World::new(SEED);
         let arm = Arc::new(Mutex::new(simulated::robot(config, (0.0, 0.0)).expect("an arm")));
-        let probe = UdpSocket::bind(LOCAL).expect("a free port");
-        let client = probe.local_addr().expect("an address");
+        let probe = world.datagrams(LOCAL).expect("a free port");
+        let client: SocketAddr = probe.address().expect("an address");
         drop(probe);
-        let relay = Relay::start(SEED);
-        relay.set_b(client.port());
         let config = CabinetConfig {
-            client: relay.for_a,
+            machine: world.machine(),
+            client,
             tolerance: Tolerance { patience },
             ..CabinetConfig::new()
         };
-        let side = CabinetSide::start(config.clone(), Box::new(Arc::clone(&arm))).expect("a cabinet");
-        let this = Arc::new(Self {
-            config,
-            arm,
-            client,
-            side: Mutex::new(Some(side)),
-            earlier: Mutex::default(),
-            relay,
-        });
-        let application = Arc::downgrade(&this);
-        std::thread::spawn(move || {
-            let mut without_motion = Instant::now();
-            while let Some(this) = application.upgrade() {
-                this.apply(&mut without_motion);
-                drop(this);
-                std::thread::sleep(Duration::from_millis(20));
+        let this = Arc::new_cyclic(|kuka| {
+            let application = Application {
+                kuka: Weak::clone(kuka),
+                without_motion: world.now(),
+            };
+            let application = world.run("application", Box::new(application));
+            Self {
+                world,
+                config,
+                arm,
+                side: Mutex::default(),
+                earlier: Mutex::default(),
+                tripped: AtomicBool::new(false),
+                _application: application.expect("a process"),
             }
         });
+        this.switch(true);
         this
-    }
-
-    /// The application: wants its motion, and half a second after its end the next one.
-    fn apply(&self, without_motion: &mut Instant) {
-        let side = locked(&self.side);
-        let Some(side) = side.as_ref() else { return };
-        let command = &side.controls().command;
-        let session = side.statistics().session;
-        if matches!(
-            session,
-            Some(SessionState::CommandingWait | SessionState::CommandingActive)
-        ) {
-            *without_motion = Instant::now();
-        } else if !command.load(Ordering::Relaxed) {
-            command.store(true, Ordering::Relaxed);
-        } else if without_motion.elapsed() > NEXT_MOTION {
-            command.store(false, Ordering::Relaxed);
-            *without_motion = Instant::now();
-        }
     }
 
     fn of(statistics: &fri::CabinetStatistics) -> Counts {
@@ -268,11 +274,11 @@ impl Kuka {
 
 impl Robot for Kuka {
     fn link(&self) -> Link {
-        Link::Fri(self.client)
+        Link::Fri(self.config.client)
     }
 
-    fn faults(&self) -> &Faults {
-        &self.relay.faults
+    fn world(&self) -> &World {
+        &self.world
     }
 
     fn is_moving(&self) -> bool {
@@ -285,7 +291,7 @@ impl Robot for Kuka {
         if let Some(side) = locked(&self.side).as_ref() {
             // The application starts it again by itself.
             side.controls().command.store(false, Ordering::Relaxed);
-            std::thread::sleep(Duration::from_millis(20));
+            self.tripped.store(true, Ordering::Relaxed);
         }
     }
 
@@ -295,14 +301,13 @@ impl Robot for Kuka {
         }
     }
 
-    fn restart(&self) {
+    fn switch(&self, on: bool) {
         let mut side = locked(&self.side);
         if let Some(old) = side.take() {
             locked(&self.earlier).add(&Self::of(&old.shut_down()));
         }
-        std::thread::sleep(OFF);
         let arm = Box::new(Arc::clone(&self.arm));
-        *side = Some(CabinetSide::start(self.config.clone(), arm).expect("a cabinet"));
+        *side = on.then(|| CabinetSide::start(self.config.clone(), arm).expect("a cabinet"));
     }
 
     fn counts(&self) -> Counts {

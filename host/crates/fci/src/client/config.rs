@@ -1,15 +1,20 @@
 //! Where the robot is and how the client talks to it.
 
 use std::net::{IpAddr, Ipv4Addr};
+use std::sync::Arc;
 use std::time::Duration;
+
+use spherecal_cyclic::{Machine, this_machine};
 
 use super::TorqueLimits;
 use crate::TCP_PORT;
 use crate::wire::Version;
 
 /// Settings of a connection.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct ClientConfig {
+    /// Time and network of this side.
+    pub machine: Arc<dyn Machine>,
     /// Address or host name of the robot's control unit.
     pub host: String,
     /// TCP port. A real robot has 1337.
@@ -37,6 +42,7 @@ impl ClientConfig {
     /// The defaults for a robot at `host`: port 1337, all versions, newest first.
     pub fn new(host: impl Into<String>) -> Self {
         Self {
+            machine: this_machine(),
             host: host.into(),
             port: TCP_PORT,
             local: IpAddr::V4(Ipv4Addr::UNSPECIFIED),

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use spherecal_cyclic::SocketError;
 
-use crate::wire::{CommandKind, ErrorSet, RobotMode, Status, WireError};
+use crate::wire::{CommandKind, ErrorSet, RobotMode, Status, Version, WireError};
 
 /// Why the client failed.
 #[derive(Debug, thiserror::Error)]
@@ -35,6 +35,12 @@ pub enum ClientError {
         robot: u16,
         /// The versions of the configuration.
         permitted: Vec<u16>,
+    },
+    /// The robot's version is one that is only read.
+    #[error("interface version {version} is only read, and moves no robot; update the robot's system")]
+    ReadOnly {
+        /// The robot's version.
+        version: Version,
     },
     /// A system call failed.
     #[error(transparent)]

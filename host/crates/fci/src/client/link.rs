@@ -1,10 +1,11 @@
 //! Both channels of a connection: what [`Client`](super::Client) and [`ReadOnlyClient`](super::ReadOnlyClient) share.
 
 use std::io::ErrorKind;
-use std::net::{IpAddr, SocketAddr, ToSocketAddrs as _, UdpSocket};
-use std::time::{Duration, Instant};
+use std::net::{IpAddr, SocketAddr, ToSocketAddrs as _};
+use std::sync::Arc;
+use std::time::Duration;
 
-use spherecal_cyclic::{Inbox, io_error as io};
+use spherecal_cyclic::{Inbox, Machine, io_error as io};
 
 use super::tcp::{CommandChannel, RawResponse};
 use super::{ClientConfig, ClientError};
@@ -38,6 +39,7 @@ pub struct LinkStatistics {
 }
 
 pub(super) struct ClientLink {
+    pub(super) machine: Arc<dyn Machine>,
     pub(super) tcp: CommandChannel,
     pub(super) version: Version,
     pub(super) statistics: LinkStatistics,
@@ -62,16 +64,18 @@ impl ClientLink {
             .map_err(host)?
             .next()
             .ok_or_else(|| host(none()))?;
-        let udp = UdpSocket::bind((config.local, 0)).map_err(io("open a UDP port"))?;
-        let port = udp.local_addr().map_err(io("open a UDP port"))?.port();
-        let inbox = Inbox::new(udp, config.state_timeout, config.spin, config.busy_poll_us)?;
+        let machine = &config.machine;
+        let udp = machine.datagrams((config.local, 0).into());
+        let udp = udp.map_err(io("open a UDP port"))?;
+        let port = udp.address().map_err(io("open a UDP port"))?.port();
+        let (timeout, spin) = (config.state_timeout, config.spin);
+        let inbox = Inbox::new(Arc::clone(machine), udp, timeout, spin, config.busy_poll_us)?;
 
         let mut untried: Vec<Version> = config.versions.clone();
         let mut robot = 0;
         while !untried.is_empty() {
             let version = untried.remove(0);
-            let (tcp, payload) =
-                CommandChannel::connect(address, version, port, config.connect_timeout, config.response_timeout)?;
+            let (tcp, payload) = CommandChannel::connect(config, address, version, port)?;
             let answer = ConnectAnswer::decode(&payload)?;
             if answer.status == Status::Success {
                 return Self::agreed(config, tcp, inbox, version);
@@ -96,6 +100,7 @@ impl ClientLink {
         version: Version,
     ) -> Result<Self, ClientError> {
         let mut link = Self {
+            machine: Arc::clone(&config.machine),
             tcp,
             version,
             statistics: LinkStatistics {
@@ -109,10 +114,10 @@ impl ClientLink {
             response_timeout: config.response_timeout,
         };
         // The first state may take longer than the period: the robot has to start its transmission.
-        let deadline = Instant::now() + config.connect_timeout;
+        let deadline = link.machine.now() + config.connect_timeout;
         loop {
             match link.receive() {
-                Err(ClientError::Silent { .. }) if Instant::now() < deadline => {}
+                Err(ClientError::Silent { .. }) if link.machine.now() < deadline => {}
                 Err(error) => return Err(error),
                 Ok(_) => return Ok(link),
             }
@@ -130,7 +135,7 @@ impl ClientLink {
             taken |= self.take(size, from)?;
         }
         if !taken {
-            return Err(self.silent(wait.elapsed()));
+            return Err(self.silent(self.inbox.waited(&wait)));
         }
         let (Some(before), Some(now)) = (before, self.last_id) else {
             return Ok(0);

@@ -1,7 +1,7 @@
 //! The client that moves the robot.
 
 use std::net::IpAddr;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use super::link::ClientLink;
 use super::{ClientConfig, ClientError, EndCause, LinkStatistics, MotionEnd, TorqueLimits};
@@ -45,10 +45,14 @@ impl Client {
     /// Connects to the robot. Nothing moves.
     ///
     /// # Errors
-    /// A [`ClientError`] if the robot cannot be reached or speaks no permitted version.
+    /// A [`ClientError`] if the robot cannot be reached, or speaks no permitted version or one that is only read.
     pub fn connect(config: &ClientConfig) -> Result<Self, ClientError> {
+        let link = ClientLink::connect(config)?;
+        if !link.version.can_move() {
+            return Err(ClientError::ReadOnly { version: link.version });
+        }
         Ok(Self {
-            link: ClientLink::connect(config)?,
+            link,
             limits: config.limits,
             moving: false,
             answerable: false,
@@ -78,7 +82,7 @@ impl Client {
         self.moving
     }
 
-    /// The robot model in URDF; `None` in the versions 5 and 7, which have no such request.
+    /// The robot model in URDF; `None` before version 8, which has no such request.
     ///
     /// # Errors
     /// A [`ClientError`] if the robot does not answer or refuses.
@@ -111,10 +115,10 @@ impl Client {
         self.moving = false;
         self.answerable = false;
         self.link.request(&Request::AutomaticErrorRecovery)?;
-        let deadline = Instant::now() + TRANSITION;
+        let deadline = self.link.machine.now() + TRANSITION;
         while self.link.newest.robot_mode != RobotMode::Idle {
             self.link.receive()?;
-            if Instant::now() > deadline {
+            if self.link.machine.now() > deadline {
                 return Err(self.not_ready());
             }
         }
@@ -138,7 +142,7 @@ impl Client {
     /// # Errors
     /// A [`ClientError`] if the connection is lost or the response is none.
     pub fn recovery_answer(&mut self) -> Result<Option<Status>, ClientError> {
-        self.link.tcp.posted_answer(Instant::now() + LOOK)
+        self.link.tcp.posted_answer(LOOK)
     }
 
     /// Starts a torque motion and waits until the robot shows it. The next [`exchange`](Self::exchange) answers the
@@ -156,7 +160,7 @@ impl Client {
             .request(&Request::Move(MoveRequest::torque(self.link.version)))?;
         // The robot moves from here on, whatever the states still show.
         self.moving = true;
-        let deadline = Instant::now() + TRANSITION;
+        let deadline = self.link.machine.now() + TRANSITION;
         loop {
             self.link.receive()?;
             let state = &self.link.newest;
@@ -167,7 +171,7 @@ impl Client {
             if !matches!(state.robot_mode, RobotMode::Idle | RobotMode::Move) {
                 return Err(self.ended().into());
             }
-            if Instant::now() > deadline {
+            if self.link.machine.now() > deadline {
                 self.moving = false;
                 self.link.tcp.post(&Request::StopMove)?;
                 return Err(self.not_ready());
@@ -275,7 +279,7 @@ impl Client {
         if !self.moving {
             return Ok(());
         }
-        let deadline = Instant::now() + TRANSITION;
+        let deadline = self.link.machine.now() + TRANSITION;
         self.pending = false;
         loop {
             self.answerable = false;
@@ -283,7 +287,7 @@ impl Client {
             if !self.link.newest.torque_motion_runs(self.link.version) {
                 break;
             }
-            if Instant::now() > deadline {
+            if self.link.machine.now() > deadline {
                 self.moving = false;
                 self.link.tcp.post(&Request::StopMove)?;
                 return Err(ClientError::NoResponse {
@@ -316,8 +320,8 @@ impl Client {
             return Ok(());
         }
         self.link.request(&Request::StopMove)?;
-        let deadline = Instant::now() + TRANSITION;
-        while self.link.newest.torque_motion_runs(self.link.version) && Instant::now() < deadline {
+        let deadline = self.link.machine.now() + TRANSITION;
+        while self.link.newest.torque_motion_runs(self.link.version) && self.link.machine.now() < deadline {
             self.link.receive()?;
         }
         self.link.tcp.motion_end(TRANSITION).map(|_| ())

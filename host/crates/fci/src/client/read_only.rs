@@ -67,7 +67,7 @@ impl ReadOnlyClient {
         })
     }
 
-    /// The robot model in URDF; `None` in the versions 5 and 7, which have no such request.
+    /// The robot model in URDF; `None` before version 8, which has no such request.
     ///
     /// # Errors
     /// A [`ClientError`] if the robot does not answer or refuses.

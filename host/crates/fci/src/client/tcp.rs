@@ -1,12 +1,13 @@
 //! The TCP channel of the client: one request at a time, responses by id.
 
-use std::io::{ErrorKind, Read, Write};
-use std::net::{IpAddr, SocketAddr, TcpStream};
+use std::io::ErrorKind;
+use std::net::{IpAddr, SocketAddr};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use spherecal_cyclic::io_error as io;
+use spherecal_cyclic::{Machine, Stream, io_error as io};
 
-use super::ClientError;
+use super::{ClientConfig, ClientError};
 use crate::wire::{CommandHeader, CommandKind, HEADER_SIZE, MAX_RESPONSE, Request, Response, Status, Version};
 
 /// A response with its body, copied out of the receive buffer.
@@ -17,7 +18,8 @@ pub(super) struct RawResponse {
 
 /// The TCP connection after the version is agreed.
 pub(super) struct CommandChannel {
-    stream: TcpStream,
+    machine: Arc<dyn Machine>,
+    stream: Box<dyn Stream>,
     peer: IpAddr,
     version: Version,
     next_id: u32,
@@ -33,16 +35,17 @@ pub(super) struct CommandChannel {
 impl CommandChannel {
     /// Opens the connection and sends Connect. Returns the robot's payload: status and version.
     pub(super) fn connect(
+        config: &ClientConfig,
         address: SocketAddr,
         version: Version,
         udp_port: u16,
-        connect_timeout: Duration,
-        response_timeout: Duration,
     ) -> Result<(Self, Vec<u8>), ClientError> {
-        let stream = TcpStream::connect_timeout(&address, connect_timeout)
+        let (machine, response_timeout) = (Arc::clone(&config.machine), config.response_timeout);
+        let stream = machine
+            .connect(address, config.connect_timeout)
             .map_err(|source| ClientError::Connect { address, source })?;
-        stream.set_nodelay(true).map_err(io("set TCP_NODELAY"))?;
         let mut tcp = Self {
+            machine,
             stream,
             peer: address.ip(),
             version,
@@ -57,7 +60,7 @@ impl CommandChannel {
             udp_port,
         };
         let id = tcp.send(&request)?;
-        let deadline = Instant::now() + response_timeout;
+        let deadline = tcp.machine.now() + response_timeout;
         loop {
             let Some((header, payload)) = tcp.frame(deadline)? else {
                 return Err(ClientError::NoResponse {
@@ -98,7 +101,7 @@ impl CommandChannel {
         if matches!(request, Request::Move(_)) {
             self.move_id = Some(id);
         }
-        let deadline = Instant::now() + timeout;
+        let deadline = self.machine.now() + timeout;
         while let Some((header, payload)) = self.frame(deadline)? {
             let response = Response::decode(self.version, header, &payload)?;
             if response.id == id && response.command == request.command() {
@@ -125,8 +128,9 @@ impl CommandChannel {
         Ok(())
     }
 
-    /// The response to what was posted, once; waits at most until `deadline`.
-    pub(super) fn posted_answer(&mut self, deadline: Instant) -> Result<Option<Status>, ClientError> {
+    /// The response to what was posted, once; waits at most for `timeout`.
+    pub(super) fn posted_answer(&mut self, timeout: Duration) -> Result<Option<Status>, ClientError> {
+        let deadline = self.machine.now() + timeout;
         while let Some((command, id)) = self.posted {
             let Some((header, payload)) = self.frame(deadline)? else {
                 break;
@@ -143,7 +147,7 @@ impl CommandChannel {
 
     /// Waits for the response that says how the motion ended. `None` if it does not come in time.
     pub(super) fn motion_end(&mut self, timeout: Duration) -> Result<Option<Status>, ClientError> {
-        let deadline = Instant::now() + timeout;
+        let deadline = self.machine.now() + timeout;
         while self.move_end.is_none() && self.move_id.is_some() {
             let Some((header, payload)) = self.frame(deadline)? else {
                 break;
@@ -164,15 +168,7 @@ impl CommandChannel {
 
     /// Whether the robot has closed the connection. Does not wait.
     pub(super) fn is_closed(&self) -> bool {
-        if self.stream.set_nonblocking(true).is_err() {
-            return true;
-        }
-        let closed = match self.stream.peek(&mut [0]) {
-            Ok(0) => true,
-            Ok(_) => false,
-            Err(error) => error.kind() != ErrorKind::WouldBlock,
-        };
-        closed || self.stream.set_nonblocking(false).is_err()
+        self.stream.is_closed()
     }
 
     /// The next message: header and payload. `None` at the deadline.
@@ -187,11 +183,11 @@ impl CommandChannel {
                     return Ok(Some((header, payload)));
                 }
             }
-            let left = deadline.saturating_duration_since(Instant::now());
+            let left = deadline.saturating_duration_since(self.machine.now());
             if left.is_zero() {
                 return Ok(None);
             }
-            self.stream.set_read_timeout(Some(left)).map_err(io("set a timeout"))?;
+            self.stream.set_wait(Some(left)).map_err(io("set a timeout"))?;
             let mut part = [0; 4096];
             match self.stream.read(&mut part) {
                 Ok(0) => return Err(ClientError::Closed),
@@ -207,7 +203,6 @@ impl CommandChannel {
     }
 
     pub(super) fn shut_down(&self) {
-        // The connection may be gone already; there is nobody to tell.
-        let _ = self.stream.shutdown(std::net::Shutdown::Both);
+        self.stream.close();
     }
 }

@@ -9,6 +9,8 @@ pub enum ArmCommand {
     /// These joint torques, N m, **without** gravity and friction. The arm adds its gravity and friction compensation
     /// itself, as the robot's own controller does.
     Torque([f64; JOINTS]),
+    /// Follow these joint positions, rad, and velocities, rad/s, with the robot's own controller.
+    Follow([f64; JOINTS], [f64; JOINTS]),
     /// Hold the pose with the robot's own controller.
     Hold,
     /// Brakes closed.
@@ -132,6 +134,9 @@ impl JointArm {
         let inertia = self.inertia[joint];
         let torque = match (command, self.hold_at) {
             (ArmCommand::Torque(torque), _) => torque[joint],
+            (ArmCommand::Follow(at, dq), _) => {
+                inertia * HOLD_RAD_S * (HOLD_RAD_S * (at[joint] - q) + 2.0 * (dq[joint] - self.dq[joint]))
+            }
             (ArmCommand::Hold, Some(at)) => {
                 inertia * HOLD_RAD_S * (HOLD_RAD_S * (at[joint] - q) - 2.0 * self.dq[joint])
             }

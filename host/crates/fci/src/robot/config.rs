@@ -1,7 +1,10 @@
 //! Settings of the robot side.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::sync::Arc;
 use std::time::Duration;
+
+use spherecal_cyclic::{Machine, this_machine};
 
 use crate::wire::Version;
 use crate::{JOINTS, TCP_PORT};
@@ -41,9 +44,11 @@ impl Tolerance {
 }
 
 /// Settings of the robot side.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct RobotConfig {
-    /// The version that it speaks, and with it the robot: 5 is a Panda, the others are FR3.
+    /// Its time and its network.
+    pub machine: Arc<dyn Machine>,
+    /// The version that it speaks, and with it the robot: 4 and 5 are a Panda, the others are an FR3.
     pub version: Version,
     /// Where it listens. Port 0 takes any free port; the official clients know only 1337.
     pub address: SocketAddr,
@@ -59,8 +64,9 @@ pub struct RobotConfig {
 
 impl RobotConfig {
     /// A strict robot on the loopback address, port 1337.
-    pub const fn new(version: Version) -> Self {
+    pub fn new(version: Version) -> Self {
         Self {
+            machine: this_machine(),
             version,
             address: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), TCP_PORT),
             tolerance: Tolerance::strict(),

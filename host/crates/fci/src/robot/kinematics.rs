@@ -61,6 +61,19 @@ pub(super) fn product(left: &[f64; 16], right: &[f64; 16]) -> [f64; 16] {
     out
 }
 
+/// The inverse of a pose.
+pub(super) fn inverted(pose: &[f64; 16]) -> [f64; 16] {
+    let mut out = [0.0; 16];
+    for row in 0..3 {
+        for column in 0..3 {
+            out[4 * column + row] = pose[4 * row + column];
+        }
+        out[12 + row] = -(0..3).map(|k| pose[4 * row + k] * pose[12 + k]).sum::<f64>();
+    }
+    out[15] = 1.0;
+    out
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

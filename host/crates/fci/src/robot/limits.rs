@@ -14,6 +14,10 @@ pub struct ArmLimits {
     pub velocity: [f64; JOINTS],
     /// Largest torques, N m.
     pub torque: [f64; JOINTS],
+    /// Largest accelerations of a motion generator, rad/s^2.
+    pub acceleration: [f64; JOINTS],
+    /// Largest jerks of a motion generator, rad/s^3.
+    pub jerk: [f64; JOINTS],
     /// How the velocity limit falls near the stops; `None` for the Panda, whose limit is constant.
     pub near_stops: Option<NearStops>,
 }
@@ -38,6 +42,8 @@ impl ArmLimits {
         upper: [2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973],
         velocity: [2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61],
         torque: [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0],
+        acceleration: [15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0],
+        jerk: [7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10_000.0, 10_000.0],
         near_stops: None,
     };
 
@@ -47,6 +53,8 @@ impl ArmLimits {
         upper: [2.7437, 1.7837, 2.9007, -0.1518, 2.8065, 4.5169, 3.0159],
         velocity: [2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26],
         torque: [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0],
+        acceleration: [10.0; JOINTS],
+        jerk: [5000.0; JOINTS],
         near_stops: Some(NearStops {
             velocity_offset: [0.30, 0.20, 0.20, 0.30, 0.35, 0.35, 0.35],
             deceleration: [6.0, 2.585, 3.5, 4.0, 17.0, 5.5, 17.0],

@@ -1,12 +1,12 @@
-//! The robot side on the network: TCP, UDP and the 1 kHz clock, on a thread of its own.
+//! The robot side on the network: TCP, UDP and the 1 kHz clock, as a process of its own.
 
 use std::io::ErrorKind;
-use std::net::{SocketAddr, TcpListener, UdpSocket};
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use spherecal_cyclic::{PeriodClock, Published, Side};
+use spherecal_cyclic::{Datagrams, Listener, PeriodClock, Process, Published, Side};
 
 use super::arm::ArmHardware;
 use super::config::RobotConfig;
@@ -18,13 +18,15 @@ use crate::wire::{
 };
 
 const PERIOD: Duration = Duration::from_millis(1);
+/// How often a patient robot looks for an answer that is late.
+const LOOK: Duration = Duration::from_micros(100);
 
 /// What the robot side counted since its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RobotStatistics {
     /// Periods of 1 ms that the robot lived through.
     pub periods: u64,
-    /// Periods by which the robot's clock fell behind the wall clock, because the thread was late or waited.
+    /// Periods by which the robot's clock fell behind the time, because its thread was late or waited.
     pub slipped: u64,
     /// Commands that answered their state in time.
     pub commands: u64,
@@ -67,27 +69,26 @@ impl RobotSide {
     /// # Errors
     /// What the system says if the address cannot be used.
     pub fn start(config: RobotConfig, arm: Box<dyn ArmHardware>) -> std::io::Result<Self> {
-        let listener = TcpListener::bind(config.address)?;
-        listener.set_nonblocking(true)?;
-        let address = listener.local_addr()?;
-        let udp = UdpSocket::bind((address.ip(), 0))?;
-        let side = Side::start("fci-robot", move |shared| {
-            RobotServer {
-                supervisor: RobotSupervisor::new(config.clone(), arm.state()),
-                model: config.model.clone().unwrap_or_else(|| super::FR3_URDF.to_owned()),
-                config,
-                listener,
-                udp,
-                arm,
-                session: None,
-                state: RobotState::default(),
-                message_id: 0,
-                stopped_at: None,
-                count: RobotStatistics::default(),
-                clock: PeriodClock::start(PERIOD),
-                shared,
-            }
-            .run();
+        let machine = Arc::clone(&config.machine);
+        let listener = machine.listen(config.address)?;
+        let address = listener.address()?;
+        let udp = machine.datagrams((address.ip(), 0).into())?;
+        let clock = PeriodClock::start(PERIOD, machine.now());
+        let side = Side::start(machine.as_ref(), "fci-robot", |shared| RobotServer {
+            supervisor: RobotSupervisor::new(config.clone(), arm.state()),
+            model: config.model.clone().unwrap_or_else(|| super::FR3_URDF.to_owned()),
+            config,
+            listener,
+            udp,
+            arm,
+            session: None,
+            state: RobotState::default(),
+            message_id: 0,
+            answer: None,
+            stopped_at: None,
+            count: RobotStatistics::default(),
+            clock,
+            shared,
         })?;
         Ok(Self { address, side })
     }
@@ -107,7 +108,7 @@ impl RobotSide {
         self.side.statistics()
     }
 
-    /// Switches the robot off and waits for its thread.
+    /// Switches the robot off.
     pub fn shut_down(self) -> RobotStatistics {
         self.side.shut_down()
     }
@@ -117,12 +118,14 @@ struct RobotServer {
     config: RobotConfig,
     supervisor: RobotSupervisor,
     model: String,
-    listener: TcpListener,
-    udp: UdpSocket,
+    listener: Box<dyn Listener>,
+    udp: Box<dyn Datagrams>,
     arm: Box<dyn ArmHardware>,
     session: Option<ClientSession>,
     state: RobotState,
     message_id: u64,
+    /// The answer to the newest state, once it has come.
+    answer: Option<RobotCommand>,
     /// The first state that showed the end of the last motion.
     stopped_at: Option<u64>,
     count: RobotStatistics,
@@ -130,14 +133,13 @@ struct RobotServer {
     shared: Arc<Published<Controls, RobotStatistics>>,
 }
 
-impl RobotServer {
-    fn run(mut self) {
-        while !self.shared.has_ended() {
-            self.period();
+impl Process for RobotServer {
+    /// Waits for the end of the period, and in a motion as long as the robot is patient, for the answer to the newest
+    /// state. Clients' requests are served meanwhile.
+    fn turn(&mut self, now: Instant) -> Instant {
+        if now < self.clock.end() {
+            return self.clock.end();
         }
-    }
-
-    fn period(&mut self) {
         let on = |flag: &AtomicBool| flag.load(Ordering::Relaxed);
         let controls = &self.shared.controls;
         let (user_stop, safety_stop, guiding) = (
@@ -146,8 +148,22 @@ impl RobotServer {
             on(&controls.guiding),
         );
         self.supervisor.set_person(user_stop, safety_stop, guiding);
-        let answer = self.wait_for_answer();
+        self.take_commands();
+        let patience = self.config.tolerance.patience;
+        if self.answer.is_none() && self.supervisor.is_moving() && self.clock.is_patient(now, patience) {
+            self.serve();
+            return now + LOOK;
+        }
+        self.clock.advance(now);
+        self.period();
+        self.clock.end()
+    }
+}
+
+impl RobotServer {
+    fn period(&mut self) {
         self.serve();
+        let answer = self.answer.take();
         let was_moving = self.supervisor.is_moving();
         if was_moving && answer.is_none() {
             self.count.missing += 1;
@@ -183,7 +199,7 @@ impl RobotServer {
             let mut bytes = [0; MAX_STATE_SIZE];
             let size = self.state.encode(self.config.version, &mut bytes);
             // A network that refuses a datagram loses it.
-            let _ = self.udp.send_to(&bytes[..size], to);
+            let _ = self.udp.send(&bytes[..size], to);
         }
         if !alive {
             self.session = None;
@@ -191,30 +207,11 @@ impl RobotServer {
         }
     }
 
-    /// Waits for the end of the period, and in a motion as long as the robot is patient, for the answer to the newest
-    /// state. Clients' requests are served meanwhile.
-    fn wait_for_answer(&mut self) -> Option<RobotCommand> {
-        let mut answer = None;
-        self.clock.sleep();
-        self.take_commands(&mut answer);
-        let patience = self.config.tolerance.patience;
-        while answer.is_none() && self.supervisor.is_moving() && self.clock.is_patient(patience) {
-            std::thread::sleep(Duration::from_micros(100));
-            self.serve();
-            self.take_commands(&mut answer);
-        }
-        self.clock.advance();
-        answer
-    }
-
     /// Takes every command that has come. The answer to the newest state counts.
-    fn take_commands(&mut self, answer: &mut Option<RobotCommand>) {
+    fn take_commands(&mut self) {
         let mut bytes = [0; MAX_COMMAND_SIZE + 1];
-        if self.udp.set_nonblocking(true).is_err() {
-            return;
-        }
         loop {
-            let (size, from) = match self.udp.recv_from(&mut bytes) {
+            let (size, from) = match self.udp.receive(&mut bytes) {
                 Ok(received) => received,
                 Err(error) if error.kind() == ErrorKind::Interrupted => continue,
                 // Nothing more, or the last state met a closed port.
@@ -224,7 +221,7 @@ impl RobotServer {
                 continue;
             }
             match RobotCommand::decode(self.config.version, &bytes[..size]) {
-                Ok(command) => self.take_command(command, answer),
+                Ok(command) => self.take_command(command),
                 Err(WireError::NotFinite { .. }) => {
                     self.count.malformed += 1;
                     self.supervisor.invalid_command();
@@ -234,15 +231,15 @@ impl RobotServer {
         }
     }
 
-    fn take_command(&mut self, command: RobotCommand, answer: &mut Option<RobotCommand>) {
+    fn take_command(&mut self, command: RobotCommand) {
         if self.stopped_at.is_some_and(|stopped| command.message_id >= stopped) {
             self.count.commands_after_stop += 1;
         }
         if command.message_id == self.message_id {
-            self.count.commands += u64::from(answer.is_none());
+            self.count.commands += u64::from(self.answer.is_none());
             let most = command.tau_J_d.iter().fold(0.0_f64, |most, t| most.max(t.abs()));
             self.count.largest_torque = self.count.largest_torque.max(most);
-            *answer = Some(command);
+            self.answer = Some(command);
         } else {
             self.count.late += 1;
         }
@@ -259,7 +256,7 @@ impl RobotServer {
             match &self.session {
                 // One client at a time: a second one is turned away.
                 Some(_) => drop(stream),
-                None => self.session = ClientSession::new(stream, peer, self.config.version).ok(),
+                None => self.session = Some(ClientSession::new(stream, peer, self.config.version)),
             }
         }
         let Some(mut session) = self.session.take() else { return };

@@ -1,7 +1,9 @@
 //! One client of the robot side: its TCP connection and where its states go. Nothing here waits.
 
-use std::io::{ErrorKind, Read as _, Write as _};
-use std::net::{IpAddr, SocketAddr, TcpStream};
+use std::io::ErrorKind;
+use std::net::{IpAddr, SocketAddr};
+
+use spherecal_cyclic::Stream;
 
 use crate::wire::{
     CommandHeader, CommandKind, HEADER_SIZE, MAX_REQUEST, Request, Response, Status, Version, WireError,
@@ -17,7 +19,7 @@ pub(super) enum Incoming {
 }
 
 pub(super) struct ClientSession {
-    stream: TcpStream,
+    stream: Box<dyn Stream>,
     peer: IpAddr,
     version: Version,
     inbox: Vec<u8>,
@@ -28,10 +30,8 @@ pub(super) struct ClientSession {
 }
 
 impl ClientSession {
-    pub(super) fn new(stream: TcpStream, peer: SocketAddr, version: Version) -> std::io::Result<Self> {
-        stream.set_nonblocking(true)?;
-        stream.set_nodelay(true)?;
-        Ok(Self {
+    pub(super) fn new(stream: Box<dyn Stream>, peer: SocketAddr, version: Version) -> Self {
+        Self {
             stream,
             peer: peer.ip(),
             version,
@@ -39,7 +39,7 @@ impl ClientSession {
             outbox: Vec::new(),
             states_to: None,
             closing: false,
-        })
+        }
     }
 
     pub(super) fn peer(&self) -> IpAddr {

@@ -122,13 +122,6 @@ impl<'a> FieldWriter<'a> {
         }
     }
 
-    pub(super) fn zeros(&mut self, count: usize) {
-        if let Some(room) = self.bytes.get_mut(self.at..self.at + count) {
-            room.fill(0);
-        }
-        self.at += count;
-    }
-
     pub(super) fn written(&self) -> usize {
         self.at
     }

@@ -34,7 +34,7 @@ pub enum CommandKind {
     SetNeToEe,
     /// Sets the load's mass, centre of mass and inertia.
     SetLoad,
-    /// Sets the robot's filters (version 5 only).
+    /// Sets the robot's filters (up to version 5).
     SetFilters,
     /// Clears the errors of a reflex.
     AutomaticErrorRecovery,
@@ -97,10 +97,10 @@ impl CommandKind {
     /// The commands of this version, in the order of their numbers.
     pub fn all(version: Version) -> &'static [Self] {
         match version {
-            Version::V5 => V5,
-            // Version 7 has no `GetRobotModel`.
-            Version::V7 => &V8[..12],
-            Version::V8 => V8,
+            Version::V4 | Version::V5 => V5,
+            // Without `GetRobotModel`.
+            Version::V6 | Version::V7 => &V8[..12],
+            Version::V8 | Version::V9 => V8,
             Version::V10 => V10,
         }
     }

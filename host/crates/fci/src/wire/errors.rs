@@ -1,7 +1,5 @@
 //! The 41 error flags of a state.
 
-use super::WireError;
-
 /// Declares the errors with the names of libfranka's `Errors`, in the order of their bits.
 macro_rules! errors {
     ($($number:literal $variant:ident $name:literal $doc:literal;)+) => {
@@ -128,22 +126,15 @@ impl ErrorSet {
         self.0 |= Self::of(error).0;
     }
 
-    /// Reads 41 bytes; any value but 0 is a set flag.
-    pub(super) fn decode(bytes: &[u8]) -> Result<Self, WireError> {
-        if bytes.len() != Self::SIZE {
-            return Err(WireError::Length {
-                message: "error flags",
-                expected: Self::SIZE,
-                got: bytes.len(),
-            });
-        }
+    /// Reads a flag from each byte; any value but 0 is set. A version with fewer flags has the first ones.
+    pub(super) fn decode(bytes: &[u8]) -> Self {
         let mut set = Self::NONE;
         for (byte, error) in bytes.iter().zip(ErrorFlag::ALL) {
             if *byte != 0 {
                 set.insert(error);
             }
         }
-        Ok(set)
+        set
     }
 
     /// The 41 bytes.

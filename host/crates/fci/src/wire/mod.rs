@@ -4,7 +4,7 @@
 //! - **TCP**, port 1337: requests and responses. Each begins with a [`CommandHeader`] of 12 bytes.
 //! - **UDP**, 1 kHz: the robot sends a [`RobotState`]; the client answers with a [`RobotCommand`].
 //!
-//! All numbers are little-endian, without padding. Four [`Version`]s differ in the numbers of the commands, in the
+//! All numbers are little-endian, without padding. The [`Version`]s differ in the numbers of the commands, in the
 //! numbers of the statuses, in the size of the state and in the size of the command.
 //!
 //! Every decoder is total: it returns a [`WireError`] for bytes that are no message, and never panics. A number that is
@@ -70,7 +70,7 @@ pub enum WireError {
         version: Version,
     },
     /// The version is none that this crate speaks.
-    #[error("interface version {0} is not supported; this program speaks 5, 7, 8 and 10")]
+    #[error("interface version {0} is not supported; this program speaks 4 to 10")]
     UnknownVersion(u16),
     /// The command does not exist in this version.
     #[error("the command {command} does not exist in version {version}")]

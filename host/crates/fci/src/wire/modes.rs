@@ -31,7 +31,7 @@ wire_enum! {
         Idle = 0, "Idle";
         /// Joint positions.
         JointPosition = 1, "Joint position";
-        /// Joint velocities. Torque motions of version 5 show this one.
+        /// Joint velocities. Torque motions before version 7 show this one.
         JointVelocity = 2, "Joint velocity";
         /// Cartesian poses.
         CartesianPosition = 3, "Cartesian position";
@@ -73,7 +73,7 @@ wire_enum! {
     MoveGeneratorMode(u32), "motion_generator_mode" {
         /// Joint positions.
         JointPosition = 0, "Joint position";
-        /// Joint velocities. Torque motions of version 5 ask for this one and send zeros.
+        /// Joint velocities. Torque motions before version 7 ask for this one and send zeros.
         JointVelocity = 1, "Joint velocity";
         /// Cartesian poses.
         CartesianPosition = 2, "Cartesian position";

@@ -39,14 +39,14 @@ pub struct MoveRequest {
 }
 
 impl MoveRequest {
-    /// A torque motion: the client's torques; no generator, or in version 5 a joint velocity generator with zeros.
+    /// A torque motion: the client's torques; no generator, or before version 7 a joint velocity generator with zeros.
     pub const fn torque(version: Version) -> Self {
         Self {
             controller: MoveControllerMode::External,
-            generator: if version.is_panda() {
-                MoveGeneratorMode::JointVelocity
-            } else {
+            generator: if version.has_torque_finished() {
                 MoveGeneratorMode::None
+            } else {
+                MoveGeneratorMode::JointVelocity
             },
             path: Deviation::UNLIMITED,
             goal: Deviation::UNLIMITED,

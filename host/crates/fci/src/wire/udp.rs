@@ -8,8 +8,6 @@ use crate::JOINTS;
 pub const MAX_STATE_SIZE: usize = 2373;
 /// The largest command of any version, bytes.
 pub const MAX_COMMAND_SIZE: usize = 371;
-/// Bytes of version 10 between `dtheta` and `motion_generator_mode`. The official client names no field there.
-const UNNAMED_V10: usize = 144;
 
 /// A field of numbers as a slice, whether it is one number or several.
 trait NumberField {
@@ -44,21 +42,28 @@ pub struct StateField {
     pub count: usize,
     /// Whether a number that is not finite is refused.
     pub checked: bool,
-    /// How many numbers stand before the field.
-    numbers_before: usize,
+    /// The first version that has the field.
+    pub since: Version,
 }
 
 impl StateField {
-    /// The field's first byte in a state of this version.
-    pub const fn offset(&self, version: Version) -> usize {
+    /// Whether a state of this version has the field.
+    pub fn is_in(&self, version: Version) -> bool {
+        version >= self.since
+    }
+
+    /// The field's first byte in a state of this version, or where it would stand.
+    pub fn offset(&self, version: Version) -> usize {
         let size = if version.single_precision() { 4 } else { 8 };
-        8 + size * self.numbers_before
+        let before = RobotState::FIELDS.iter().take_while(|field| field.name != self.name);
+        let numbers: usize = before.filter(|f| f.is_in(version)).map(|f| f.count).sum();
+        8 + size * numbers
     }
 }
 
 /// Declares the fields of the state in their order on the wire.
 macro_rules! state {
-    ($($name:ident: $kind:ty, $count:literal, $checked:ident, $doc:literal;)+) => {
+    ($($name:ident: $kind:ty, $count:literal, $checked:ident, $since:ident, $doc:literal;)+) => {
         /// What the robot measures and does, once each millisecond.
         ///
         /// Frames: O the robot's base, F the flange, NE the nominal end effector, EE the end effector, K the stiffness
@@ -85,20 +90,9 @@ macro_rules! state {
 
         impl RobotState {
             /// The fields of numbers, in the order of the wire.
-            pub const FIELDS: &'static [StateField] = {
-                const FIELDS: [StateField; [$($count),+].len()] = {
-                    let mut fields = [$(StateField {
-                        name: stringify!($name), count: $count, checked: $checked, numbers_before: 0,
-                    }),+];
-                    let mut at = 1;
-                    while at < fields.len() {
-                        fields[at].numbers_before = fields[at - 1].numbers_before + fields[at - 1].count;
-                        at += 1;
-                    }
-                    fields
-                };
-                &FIELDS
-            };
+            pub const FIELDS: &'static [StateField] = &[$(StateField {
+                name: stringify!($name), count: $count, checked: $checked, since: Version::$since,
+            }),+];
 
             /// The numbers of all fields, in the order of [`FIELDS`](Self::FIELDS).
             pub fn numbers(&self) -> [&[f64]; Self::FIELDS.len()] {
@@ -151,45 +145,47 @@ const IDENTITY: [f64; 16] = [
 ];
 
 state! {
-    O_T_EE: [f64; 16], 16, true, "Measured pose of the end effector.";
-    O_T_EE_d: [f64; 16], 16, false, "Desired pose of the end effector.";
-    F_T_EE: [f64; 16], 16, true, "End effector in the flange frame.";
-    EE_T_K: [f64; 16], 16, true, "Stiffness frame in the end effector frame.";
-    F_T_NE: [f64; 16], 16, true, "Nominal end effector in the flange frame, as set in Desk.";
-    NE_T_EE: [f64; 16], 16, true, "End effector in the nominal end effector's frame.";
-    m_ee: f64, 1, true, "Mass of the end effector as set in Desk, kg.";
-    I_ee: [f64; 9], 9, true, "Inertia of the end effector about its centre of mass, kg m^2, column-major.";
-    F_x_Cee: [f64; 3], 3, true, "Centre of mass of the end effector in the flange frame, m.";
-    m_load: f64, 1, true, "Mass of the load as set by `SetLoad`, kg.";
-    I_load: [f64; 9], 9, true, "Inertia of the load about its centre of mass, kg m^2, column-major.";
-    F_x_Cload: [f64; 3], 3, true, "Centre of mass of the load in the flange frame, m.";
-    elbow: [f64; 2], 2, false, "Position of joint 3, rad, and sign of joint 4.";
-    elbow_d: [f64; 2], 2, false, "Desired elbow.";
-    tau_J: [f64; 7], 7, true, "Measured link-side joint torques, gravity included, N m.";
-    tau_J_d: [f64; 7], 7, true, "Desired joint torques, without gravity and friction, N m.";
-    dtau_J: [f64; 7], 7, true, "Derivative of the measured torques, N m/s.";
-    q: [f64; 7], 7, true, "Measured joint positions, motor side, rad.";
-    q_d: [f64; 7], 7, true, "Desired joint positions, rad.";
-    dq: [f64; 7], 7, true, "Measured joint velocities, rad/s.";
-    dq_d: [f64; 7], 7, true, "Desired joint velocities, rad/s.";
-    ddq_d: [f64; 7], 7, false, "Desired joint accelerations, rad/s^2.";
-    joint_contact: [f64; 7], 7, false, "1 where a joint torque exceeds its lower threshold (contact).";
-    cartesian_contact: [f64; 6], 6, false, "1 where a force exceeds its lower threshold (contact).";
-    joint_collision: [f64; 7], 7, false, "1 where a joint torque exceeds its upper threshold (collision).";
-    cartesian_collision: [f64; 6], 6, false, "1 where a force exceeds its upper threshold (collision).";
-    tau_ext_hat_filtered: [f64; 7], 7, true, "Estimate of the external joint torques, low-pass filtered, N m.";
-    O_F_ext_hat_K: [f64; 6], 6, true, "Estimate of the external wrench on K, in the base frame, N and N m.";
-    K_F_ext_hat_K: [f64; 6], 6, true, "The same in the frame K.";
-    O_dP_EE_d: [f64; 6], 6, false, "Desired twist of the end effector, m/s and rad/s.";
-    O_ddP_O: [f64; 3], 3, false, "Acceleration of the base, gravity included, m/s^2.";
-    elbow_c: [f64; 2], 2, false, "Commanded elbow.";
-    delbow_c: [f64; 2], 2, false, "Velocity of the commanded elbow.";
-    ddelbow_c: [f64; 2], 2, false, "Acceleration of the commanded elbow.";
-    O_T_EE_c: [f64; 16], 16, false, "Commanded pose of the end effector.";
-    O_dP_EE_c: [f64; 6], 6, false, "Commanded twist of the end effector, m/s and rad/s.";
-    O_ddP_EE_c: [f64; 6], 6, false, "Commanded acceleration of the end effector, m/s^2 and rad/s^2.";
-    theta: [f64; 7], 7, true, "Motor positions at the joint, rad.";
-    dtheta: [f64; 7], 7, true, "Motor velocities at the joint, rad/s.";
+    O_T_EE: [f64; 16], 16, true, V4, "Measured pose of the end effector.";
+    O_T_EE_d: [f64; 16], 16, false, V4, "Desired pose of the end effector.";
+    F_T_EE: [f64; 16], 16, true, V4, "End effector in the flange frame.";
+    EE_T_K: [f64; 16], 16, true, V4, "Stiffness frame in the end effector frame.";
+    F_T_NE: [f64; 16], 16, true, V4, "Nominal end effector in the flange frame, as set in Desk.";
+    NE_T_EE: [f64; 16], 16, true, V4, "End effector in the nominal end effector's frame.";
+    m_ee: f64, 1, true, V4, "Mass of the end effector as set in Desk, kg.";
+    I_ee: [f64; 9], 9, true, V4, "Inertia of the end effector about its centre of mass, kg m^2, column-major.";
+    F_x_Cee: [f64; 3], 3, true, V4, "Centre of mass of the end effector in the flange frame, m.";
+    m_load: f64, 1, true, V4, "Mass of the load as set by `SetLoad`, kg.";
+    I_load: [f64; 9], 9, true, V4, "Inertia of the load about its centre of mass, kg m^2, column-major.";
+    F_x_Cload: [f64; 3], 3, true, V4, "Centre of mass of the load in the flange frame, m.";
+    elbow: [f64; 2], 2, false, V4, "Position of joint 3, rad, and sign of joint 4.";
+    elbow_d: [f64; 2], 2, false, V4, "Desired elbow.";
+    tau_J: [f64; 7], 7, true, V4, "Measured link-side joint torques, gravity included, N m.";
+    tau_J_d: [f64; 7], 7, true, V4, "Desired joint torques, without gravity and friction, N m.";
+    dtau_J: [f64; 7], 7, true, V4, "Derivative of the measured torques, N m/s.";
+    q: [f64; 7], 7, true, V4, "Measured joint positions, motor side, rad.";
+    q_d: [f64; 7], 7, true, V4, "Desired joint positions, rad.";
+    dq: [f64; 7], 7, true, V4, "Measured joint velocities, rad/s.";
+    dq_d: [f64; 7], 7, true, V4, "Desired joint velocities, rad/s.";
+    ddq_d: [f64; 7], 7, false, V4, "Desired joint accelerations, rad/s^2.";
+    joint_contact: [f64; 7], 7, false, V4, "1 where a joint torque exceeds its lower threshold (contact).";
+    cartesian_contact: [f64; 6], 6, false, V4, "1 where a force exceeds its lower threshold (contact).";
+    joint_collision: [f64; 7], 7, false, V4, "1 where a joint torque exceeds its upper threshold (collision).";
+    cartesian_collision: [f64; 6], 6, false, V4, "1 where a force exceeds its upper threshold (collision).";
+    tau_ext_hat_filtered: [f64; 7], 7, true, V4, "Estimate of the external joint torques, low-pass filtered, N m.";
+    O_F_ext_hat_K: [f64; 6], 6, true, V4, "Estimate of the external wrench on K, in the base frame, N and N m.";
+    K_F_ext_hat_K: [f64; 6], 6, true, V4, "The same in the frame K.";
+    O_dP_EE_d: [f64; 6], 6, false, V4, "Desired twist of the end effector, m/s and rad/s.";
+    O_ddP_O: [f64; 3], 3, false, V5, "Acceleration of the base, gravity included, m/s^2.";
+    elbow_c: [f64; 2], 2, false, V4, "Commanded elbow.";
+    delbow_c: [f64; 2], 2, false, V4, "Velocity of the commanded elbow.";
+    ddelbow_c: [f64; 2], 2, false, V4, "Acceleration of the commanded elbow.";
+    O_T_EE_c: [f64; 16], 16, false, V4, "Commanded pose of the end effector.";
+    O_dP_EE_c: [f64; 6], 6, false, V4, "Commanded twist of the end effector, m/s and rad/s.";
+    O_ddP_EE_c: [f64; 6], 6, false, V4, "Commanded acceleration of the end effector, m/s^2 and rad/s^2.";
+    theta: [f64; 7], 7, true, V4, "Motor positions at the joint, rad.";
+    dtheta: [f64; 7], 7, true, V4, "Motor velocities at the joint, rad/s.";
+    accelerometer_top: [f64; 18], 18, false, V10, "Accelerations of the links 1 to 6 by their upper sensors, x, y and z of each, m/s^2.";
+    accelerometer_bottom: [f64; 18], 18, false, V10, "The same by their lower sensors, m/s^2.";
 }
 
 impl RobotState {
@@ -215,7 +211,8 @@ impl RobotState {
             message_id: read.u64("message_id")?,
             ..Self::default()
         };
-        for (field, numbers) in Self::FIELDS.iter().zip(state.numbers_mut()) {
+        let fields = Self::FIELDS.iter().zip(state.numbers_mut());
+        for (field, numbers) in fields.filter(|(field, _)| field.is_in(version)) {
             for (index, number) in numbers.iter_mut().enumerate() {
                 *number = if single {
                     read.f32(field.name)?
@@ -230,15 +227,12 @@ impl RobotState {
                 }
             }
         }
-        if single {
-            read.skip(UNNAMED_V10);
-        }
         state.motion_generator_mode = MotionGeneratorMode::from_number(read.u8("motion_generator_mode")?.into())?;
         state.controller_mode = ControllerMode::from_number(read.u8("controller_mode")?.into())?;
         for set in [&mut state.errors, &mut state.reflex_reason] {
-            let flags = read.rest().get(..ErrorSet::SIZE).unwrap_or_default();
-            *set = ErrorSet::decode(flags)?;
-            read.skip(ErrorSet::SIZE);
+            let flags = read.rest().get(..version.error_flags()).unwrap_or_default();
+            *set = ErrorSet::decode(flags);
+            read.skip(version.error_flags());
         }
         state.robot_mode = RobotMode::from_number(read.u8("robot_mode")?.into())?;
         let field = "control_command_success_rate";
@@ -252,7 +246,7 @@ impl RobotState {
 
     /// Encodes the state for this version; returns its size in bytes.
     ///
-    /// Version 10 rounds every number to 32 bits.
+    /// Version 10 rounds every number to 32 bits. Fields and errors that the version does not have are left out.
     pub fn encode(&self, version: Version, out: &mut [u8; MAX_STATE_SIZE]) -> usize {
         let single = version.single_precision();
         let mut write = FieldWriter::new(out);
@@ -264,18 +258,17 @@ impl RobotState {
                 write.f64s(numbers);
             }
         };
-        for numbers in self.numbers() {
+        let fields = Self::FIELDS.iter().zip(self.numbers());
+        for (_, numbers) in fields.filter(|(field, _)| field.is_in(version)) {
             put(&mut write, numbers);
-        }
-        if single {
-            write.zeros(UNNAMED_V10);
         }
         write.put(&[
             self.motion_generator_mode.number() as u8,
             self.controller_mode.number() as u8,
         ]);
-        write.put(&self.errors.encode());
-        write.put(&self.reflex_reason.encode());
+        for errors in [self.errors, self.reflex_reason] {
+            write.put(errors.encode().get(..version.error_flags()).unwrap_or_default());
+        }
         write.put(&[self.robot_mode.number() as u8]);
         put(&mut write, &[self.control_command_success_rate]);
         debug_assert_eq!(write.written(), version.state_size());
@@ -313,7 +306,7 @@ pub struct RobotCommand {
     pub elbow_c: [f64; 2],
     /// Whether `elbow_c` is to be used.
     pub valid_elbow: bool,
-    /// Ends the motion generator's motion. Torque motions of version 5 end with it.
+    /// Ends the motion generator's motion. Torque motions end with it before version 7.
     pub motion_generation_finished: bool,
     /// Desired joint torques, without gravity and friction, N m.
     pub tau_J_d: [f64; JOINTS],

@@ -5,26 +5,35 @@ use super::WireError;
 /// A version of the interface. Client and robot must use the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Version {
-    /// Panda with the system versions 4.x.
+    /// Panda with the system versions 4.0 to 4.2.0. States are read; this crate moves no such robot.
+    V4,
+    /// Panda with the system version 4.2.1 or newer.
     V5,
-    /// FR3 with the system versions 5.2 to 5.5.
+    /// FR3 with the system version 5.2 or newer. Torque motions run as those of version 5.
+    V6,
+    /// FR3 with the system version 5.5 or newer. Torque motions run without a generator and end by a flag of their own.
     V7,
-    /// FR3 with a newer system; adds the command `GetRobotModel`.
+    /// FR3 with the system version 5.7.0 or newer; adds the command `GetRobotModel`.
     V8,
-    /// FR3 with the newest system; the state has 32-bit numbers.
+    /// FR3 with the system version 5.7.2 or newer. Only the number differs from version 8.
+    V9,
+    /// FR3 with the system version 5.9 or newer; the state has 32-bit numbers, and two accelerometers of each link.
     V10,
 }
 
 impl Version {
     /// All versions, newest first: the order in which a client tries them.
-    pub const ALL: [Self; 4] = [Self::V10, Self::V8, Self::V7, Self::V5];
+    pub const ALL: [Self; 7] = [Self::V10, Self::V9, Self::V8, Self::V7, Self::V6, Self::V5, Self::V4];
 
     /// The number on the wire.
     pub const fn number(self) -> u16 {
         match self {
+            Self::V4 => 4,
             Self::V5 => 5,
+            Self::V6 => 6,
             Self::V7 => 7,
             Self::V8 => 8,
+            Self::V9 => 9,
             Self::V10 => 10,
         }
     }
@@ -35,9 +44,12 @@ impl Version {
     /// [`WireError::UnknownVersion`] for a number that this crate does not speak.
     pub const fn from_number(number: u16) -> Result<Self, WireError> {
         match number {
+            4 => Ok(Self::V4),
             5 => Ok(Self::V5),
+            6 => Ok(Self::V6),
             7 => Ok(Self::V7),
             8 => Ok(Self::V8),
+            9 => Ok(Self::V9),
             10 => Ok(Self::V10),
             other => Err(WireError::UnknownVersion(other)),
         }
@@ -46,6 +58,7 @@ impl Version {
     /// Size of a state, bytes.
     pub const fn state_size(self) -> usize {
         match self {
+            Self::V4 => 2341,
             Self::V10 => 1377,
             _ => 2373,
         }
@@ -53,10 +66,20 @@ impl Version {
 
     /// Size of a UDP command, bytes.
     pub const fn command_size(self) -> usize {
+        if self.has_torque_finished() { 371 } else { 370 }
+    }
+
+    /// Errors that the state has flags for.
+    pub const fn error_flags(self) -> usize {
         match self {
-            Self::V5 => 370,
-            _ => 371,
+            Self::V4 => 37,
+            _ => 41,
         }
+    }
+
+    /// Whether this crate moves a robot of this version. It only reads the others.
+    pub const fn can_move(self) -> bool {
+        !matches!(self, Self::V4)
     }
 
     /// Whether the state's numbers are 32-bit floats. A joint angle of 3 rad then has a step of 2.4e-7 rad.
@@ -66,12 +89,12 @@ impl Version {
 
     /// Whether the command has the flag `torque_command_finished`.
     pub const fn has_torque_finished(self) -> bool {
-        !matches!(self, Self::V5)
+        !matches!(self, Self::V4 | Self::V5 | Self::V6)
     }
 
     /// Whether the robot is a Panda. The other versions belong to the FR3.
     pub const fn is_panda(self) -> bool {
-        matches!(self, Self::V5)
+        matches!(self, Self::V4 | Self::V5)
     }
 
     /// The robot that speaks this version, by the name of its built-in file: one of [`ROBOTS`](Self::ROBOTS).

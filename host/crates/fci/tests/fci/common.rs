@@ -4,14 +4,25 @@ use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use spherecal_cyclic::testing::{Connected, joint_impedance};
+use spherecal_cyclic::testing::{World, joint_impedance};
 use spherecal_fci::client::ClientConfig;
-use spherecal_fci::robot::{JointArm, READY, RobotConfig, RobotSide};
+use spherecal_fci::robot::{JointArm, READY, RobotConfig, RobotSide, Tolerance};
 use spherecal_fci::wire::{RobotState, Version};
 
-/// A robot with the simple arm, which the test can push, on any free port.
-pub(crate) fn robot(version: Version) -> (RobotSide, Arc<Mutex<JointArm>>) {
-    robot_with(RobotConfig::for_tests(version))
+/// A robot in this world with the simple arm, which the test can push. It does not wait, as a real one does not.
+pub(crate) fn robot(world: &World, version: Version) -> (RobotSide, Arc<Mutex<JointArm>>) {
+    robot_with(RobotConfig {
+        tolerance: Tolerance::strict(),
+        ..patient(world, version)
+    })
+}
+
+/// Settings of a robot that waits for answers.
+pub(crate) fn patient(world: &World, version: Version) -> RobotConfig {
+    RobotConfig {
+        machine: world.machine(),
+        ..RobotConfig::for_tests(version)
+    }
 }
 
 pub(crate) fn robot_with(config: RobotConfig) -> (RobotSide, Arc<Mutex<JointArm>>) {
@@ -20,8 +31,16 @@ pub(crate) fn robot_with(config: RobotConfig) -> (RobotSide, Arc<Mutex<JointArm>
     (side, arm)
 }
 
+/// Settings for a robot of this world.
+pub(crate) fn config(world: &World, address: SocketAddr) -> ClientConfig {
+    ClientConfig {
+        machine: world.machine(),
+        ..on_this_machine(address)
+    }
+}
+
 /// Settings for a robot on this machine. The timeout is long: two cores are shared.
-pub(crate) fn config(address: SocketAddr) -> ClientConfig {
+pub(crate) fn on_this_machine(address: SocketAddr) -> ClientConfig {
     ClientConfig {
         port: address.port(),
         state_timeout: Duration::from_secs(2),
@@ -38,12 +57,4 @@ pub(crate) fn hold(at: [f64; 7]) -> impl Fn(&RobotState) -> [f64; 7] {
 /// The largest distance of a joint from `at`, rad.
 pub(crate) fn deviation(state: &RobotState, at: &[f64; 7]) -> f64 {
     spherecal_cyclic::testing::deviation(&state.q, at)
-}
-
-/// Bytes of the request to connect. The last two are the port for states.
-const CONNECT_BYTES: usize = 16;
-
-/// A network between client and robot. `seed` decides which datagrams are lost.
-pub(crate) fn failing_network(robot: SocketAddr, seed: u64) -> Connected {
-    Connected::before(robot, seed, CONNECT_BYTES)
 }

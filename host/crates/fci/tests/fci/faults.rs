@@ -3,23 +3,23 @@
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use crate::common::{config, deviation, failing_network, hold, robot, robot_with};
-use spherecal_cyclic::testing::eventually;
+use crate::common::{config, deviation, hold, patient, robot, robot_with};
+use spherecal_cyclic::Machine as _;
+use spherecal_cyclic::testing::World;
 use spherecal_fci::client::{Client, ClientError, EndCause};
-use spherecal_fci::robot::{READY, RobotConfig, Tolerance};
+use spherecal_fci::robot::READY;
 use spherecal_fci::wire::{RobotMode, RobotState, Version};
 
 // Fails if 1 % or 5 % of lost datagrams stop the robot, move the arm by more than 1 mrad, break a torque limit, or are
 // not counted.
 #[test]
-#[ignore = "timed: the gate runs it"]
-fn timed_lost_datagrams_are_counted_and_stop_nothing() {
+fn lost_datagrams_are_counted_and_stop_nothing() {
     for (version, loss, seed) in [(Version::V5, 100, 1), (Version::V10, 500, 2)] {
-        let (side, _arm) = robot(version);
-        let network = failing_network(side.address(), seed);
-        let mut client = Client::connect(&config(network.address)).expect("a connection");
+        let world = World::new(seed);
+        let (side, _arm) = robot(&world, version);
+        let mut client = Client::connect(&config(&world, side.address())).expect("a connection");
         client.start_torque_motion().expect("a motion");
-        network.faults.loss.store(loss, Ordering::Relaxed);
+        world.faults().loss.store(loss, Ordering::Relaxed);
         let mut state = RobotState::default();
         let law = hold(READY);
         let (mut worst, mut missed): (f64, u64) = (0.0, 0);
@@ -27,9 +27,9 @@ fn timed_lost_datagrams_are_counted_and_stop_nothing() {
             missed += client.exchange(&mut state, &law).expect("a cycle").missed;
             worst = worst.max(deviation(&state, &READY));
         }
-        network.faults.loss.store(0, Ordering::Relaxed);
+        world.faults().loss.store(0, Ordering::Relaxed);
         assert!(worst < 1e-3, "{worst}");
-        let lost = network.faults.lost.load(Ordering::Relaxed);
+        let lost = world.faults().lost.load(Ordering::Relaxed);
         // Of 1,000 exchanges with two datagrams each: 20 or 100 are expected to be lost.
         assert!(lost > u64::from(loss) / 10, "{lost}");
         let counted = client.statistics();
@@ -45,12 +45,11 @@ fn timed_lost_datagrams_are_counted_and_stop_nothing() {
 // Fails if 2 ms of jitter lead to anything but a held arm (with a robot that waits) or the robot's named error (with a
 // robot that does not).
 #[test]
-#[ignore = "timed: the gate runs it"]
-fn timed_jitter_is_held_or_named() {
-    let (side, _arm) = robot(Version::V10);
-    let network = failing_network(side.address(), 3);
-    let mut client = Client::connect(&config(network.address)).expect("a connection");
-    network.faults.jitter_us.store(2000, Ordering::Relaxed);
+fn jitter_is_held_or_named() {
+    let world = World::new(2);
+    let (side, _arm) = robot_with(patient(&world, Version::V10));
+    let mut client = Client::connect(&config(&world, side.address())).expect("a connection");
+    world.faults().jitter_us.store(2000, Ordering::Relaxed);
     client.start_torque_motion().expect("a motion");
     let mut state = RobotState::default();
     let law = hold(READY);
@@ -59,17 +58,12 @@ fn timed_jitter_is_held_or_named() {
         assert!(deviation(&state, &READY) < 1e-3);
     }
     client.finish().expect("an end");
-    drop((client, network));
+    drop(client);
     assert_eq!(side.shut_down().commands_after_stop, 0);
 
-    let strict = RobotConfig {
-        tolerance: Tolerance::strict(),
-        ..RobotConfig::for_tests(Version::V10)
-    };
-    let (side, _arm) = robot_with(strict);
-    let network = failing_network(side.address(), 4);
-    let mut client = Client::connect(&config(network.address)).expect("a connection");
-    network.faults.jitter_us.store(20_000, Ordering::Relaxed);
+    let (side, _arm) = robot(&world, Version::V10);
+    let mut client = Client::connect(&config(&world, side.address())).expect("a connection");
+    world.faults().jitter_us.store(20_000, Ordering::Relaxed);
     let ended: Result<(), ClientError> = client.start_torque_motion().and_then(|()| {
         loop {
             client.exchange(&mut state, &law)?;
@@ -80,7 +74,7 @@ fn timed_jitter_is_held_or_named() {
     };
     assert_eq!(end.cause, EndCause::Reflex);
     assert_eq!(end.errors.to_string(), "communication_constraints_violation");
-    network.faults.jitter_us.store(0, Ordering::Relaxed);
+    world.faults().jitter_us.store(0, Ordering::Relaxed);
     client.recover().expect("a recovery");
     let statistics = side.shut_down();
     assert!(statistics.late > 0);
@@ -90,11 +84,10 @@ fn timed_jitter_is_held_or_named() {
 // Fails if a cable that is out for 3 s is not reported, if the robot goes on without commands, or if the client cannot
 // recover on the same connection.
 #[test]
-#[ignore = "timed: the gate runs it"]
-fn timed_a_cable_that_is_out_stops_the_robot_and_is_reported() {
-    let (side, _arm) = robot(Version::V10);
-    let network = failing_network(side.address(), 5);
-    let mut settings = config(network.address);
+fn a_cable_that_is_out_stops_the_robot_and_is_reported() {
+    let world = World::new(3);
+    let (side, _arm) = robot(&world, Version::V10);
+    let mut settings = config(&world, side.address());
     settings.state_timeout = Duration::from_secs(1);
     let mut client = Client::connect(&settings).expect("a connection");
     client.start_torque_motion().expect("a motion");
@@ -103,7 +96,7 @@ fn timed_a_cable_that_is_out_stops_the_robot_and_is_reported() {
     for _ in 0..200 {
         client.exchange(&mut state, &law).expect("a cycle");
     }
-    network.faults.cable_out.store(true, Ordering::Relaxed);
+    world.faults().cable_out.store(true, Ordering::Relaxed);
     let silent = loop {
         if let Err(error) = client.exchange(&mut state, &law) {
             break error;
@@ -111,11 +104,11 @@ fn timed_a_cable_that_is_out_stops_the_robot_and_is_reported() {
     };
     assert!(matches!(silent, ClientError::Silent { .. }), "{silent}");
     let commands = client.statistics().commands;
-    assert!(eventually(|| side.statistics().mode == Some(RobotMode::Reflex)));
-    std::thread::sleep(Duration::from_secs(3));
+    assert!(world.eventually(|| side.statistics().mode == Some(RobotMode::Reflex)));
+    world.sleep(Duration::from_secs(3));
     // Without a state there is nothing to answer.
     assert!(matches!(client.command(&[0.0; 7]), Err(ClientError::NothingToAnswer)));
-    network.faults.cable_out.store(false, Ordering::Relaxed);
+    world.faults().cable_out.store(false, Ordering::Relaxed);
     let end = loop {
         match client.exchange(&mut state, &law) {
             Err(ClientError::Ended(end)) => break end,
@@ -136,11 +129,11 @@ fn timed_a_cable_that_is_out_stops_the_robot_and_is_reported() {
 
 // Fails if a robot that is restarted is not reported as a closed connection, or a new connection does not work.
 #[test]
-#[ignore = "timed: the gate runs it"]
-fn timed_a_restarted_robot_closes_the_connection() {
-    let (side, _arm) = robot(Version::V10);
+fn a_restarted_robot_closes_the_connection() {
+    let world = World::new(4);
+    let (side, _arm) = robot(&world, Version::V10);
     let address = side.address();
-    let mut client = Client::connect(&config(address)).expect("a connection");
+    let mut client = Client::connect(&config(&world, address)).expect("a connection");
     client.start_torque_motion().expect("a motion");
     let mut state = RobotState::default();
     let law = hold(READY);
@@ -157,8 +150,8 @@ fn timed_a_restarted_robot_closes_the_connection() {
     assert!(client.stop().is_err());
     assert!(!client.is_moving());
     drop(client);
-    let (side, _arm) = robot(Version::V10);
-    let mut client = Client::connect(&config(side.address())).expect("a new connection");
+    let (side, _arm) = robot(&world, Version::V10);
+    let mut client = Client::connect(&config(&world, side.address())).expect("a new connection");
     client.start_torque_motion().expect("a motion");
     client.exchange(&mut state, &law).expect("a cycle");
     client.stop().expect("a stop");
@@ -168,9 +161,9 @@ fn timed_a_restarted_robot_closes_the_connection() {
 // Fails if the robot goes on when its client is killed, or takes no new client.
 #[test]
 fn a_killed_client_leaves_a_robot_that_holds() {
-    let (side, arm) = robot(Version::V5);
-    let network = failing_network(side.address(), 6);
-    let mut client = Client::connect(&config(network.address)).expect("a connection");
+    let world = World::new(5);
+    let (side, arm) = robot(&world, Version::V5);
+    let mut client = Client::connect(&config(&world, side.address())).expect("a connection");
     client.start_torque_motion().expect("a motion");
     let mut state = RobotState::default();
     let law = hold(READY);
@@ -178,14 +171,14 @@ fn a_killed_client_leaves_a_robot_that_holds() {
         client.exchange(&mut state, &law).expect("a cycle");
     }
     // The process is gone: no StopMove, no more commands, the connections break.
-    network.faults.cut.store(true, Ordering::Relaxed);
-    assert!(eventually(|| side.statistics().mode == Some(RobotMode::Idle)));
+    world.cut();
+    assert!(world.eventually(|| side.statistics().mode == Some(RobotMode::Idle)));
     let before = *arm.lock().expect("the arm").q();
-    assert!(eventually(|| side.statistics().periods > 500));
+    assert!(world.eventually(|| side.statistics().periods > 500));
     let after = *arm.lock().expect("the arm").q();
     assert!((0..7).all(|j| (after[j] - before[j]).abs() < 1e-3));
-    drop((client, network));
-    let mut next = Client::connect(&config(side.address())).expect("a new client");
+    drop(client);
+    let mut next = Client::connect(&config(&world, side.address())).expect("a new client");
     next.start_torque_motion().expect("a motion");
     next.stop().expect("a stop");
 }
@@ -193,30 +186,31 @@ fn a_killed_client_leaves_a_robot_that_holds() {
 // Fails if a client that is dropped in a motion leaves the robot moving.
 #[test]
 fn a_dropped_client_stops_the_robot() {
-    let (side, _arm) = robot(Version::V10);
-    let mut client = Client::connect(&config(side.address())).expect("a connection");
+    let world = World::new(6);
+    let (side, _arm) = robot(&world, Version::V10);
+    let mut client = Client::connect(&config(&world, side.address())).expect("a connection");
     client.start_torque_motion().expect("a motion");
     let mut state = RobotState::default();
     for _ in 0..20 {
         client.exchange(&mut state, hold(READY)).expect("a cycle");
     }
     drop(client);
-    assert!(eventually(|| side.statistics().mode == Some(RobotMode::Idle)));
+    assert!(world.eventually(|| side.statistics().mode == Some(RobotMode::Idle)));
     assert_eq!(side.shut_down().commands_after_stop, 0);
 }
 
 // Fails if a client that stalls is not stopped by the robot after 20 missing commands.
 #[test]
-#[ignore = "timed: the gate runs it"]
-fn timed_a_stalled_client_is_a_named_reflex() {
-    let (side, _arm) = robot(Version::V7);
-    let mut client = Client::connect(&config(side.address())).expect("a connection");
+fn a_stalled_client_is_a_named_reflex() {
+    let world = World::new(7);
+    let (side, _arm) = robot(&world, Version::V7);
+    let mut client = Client::connect(&config(&world, side.address())).expect("a connection");
     client.start_torque_motion().expect("a motion");
     let mut state = RobotState::default();
     for _ in 0..20 {
         client.exchange(&mut state, hold(READY)).expect("a cycle");
     }
-    assert!(eventually(|| side.statistics().mode == Some(RobotMode::Reflex)));
+    assert!(world.eventually(|| side.statistics().mode == Some(RobotMode::Reflex)));
     let ended = client.exchange(&mut state, hold(READY));
     let Err(ClientError::Ended(end)) = ended else {
         panic!("{ended:?}")
@@ -230,11 +224,11 @@ fn timed_a_stalled_client_is_a_named_reflex() {
 // Fails if repeated or reordered states are answered, or repeated or reordered commands are carried out.
 #[test]
 fn repeated_and_reordered_datagrams_are_skipped() {
-    let (side, _arm) = robot(Version::V5);
-    let network = failing_network(side.address(), 8);
-    let mut client = Client::connect(&config(network.address)).expect("a connection");
+    let world = World::new(8);
+    let (side, _arm) = robot(&world, Version::V5);
+    let mut client = Client::connect(&config(&world, side.address())).expect("a connection");
     client.start_torque_motion().expect("a motion");
-    network.faults.repeat.store(true, Ordering::Relaxed);
+    world.faults().repeat.store(true, Ordering::Relaxed);
     let mut state = RobotState::default();
     let law = hold(READY);
     let mut last = 0;
@@ -243,7 +237,7 @@ fn repeated_and_reordered_datagrams_are_skipped() {
         assert!(state.message_id > last);
         last = state.message_id;
     }
-    network.faults.repeat.store(false, Ordering::Relaxed);
+    world.faults().repeat.store(false, Ordering::Relaxed);
     let counted = client.statistics();
     assert!(counted.stale > 400, "{counted:?}");
     client.finish().expect("an end");

@@ -1,11 +1,11 @@
-//! Our client against our robot side, on this machine. Nothing here asserts wall-clock time.
+//! Our client against our robot side, on a virtual clock.
 
 use std::sync::atomic::Ordering;
 
-use crate::common::{config, deviation, hold, robot};
-use spherecal_cyclic::testing::eventually;
+use crate::common::{config, deviation, hold, on_this_machine, robot, robot_with};
+use spherecal_cyclic::testing::World;
 use spherecal_fci::client::{Client, ClientError, EndCause, ReadOnlyClient, TorqueLimits};
-use spherecal_fci::robot::READY;
+use spherecal_fci::robot::{READY, RobotConfig};
 use spherecal_fci::wire::{CollisionBehavior, ErrorFlag, FlangeLoad, RobotMode, RobotState, Status, Version};
 
 fn ended(result: Result<impl std::fmt::Debug, ClientError>) -> spherecal_fci::client::MotionEnd {
@@ -33,9 +33,10 @@ fn until_the_end(client: &mut Client) -> spherecal_fci::client::MotionEnd {
 // against the error of its gravity compensation.
 #[test]
 fn every_version_holds_the_arm() {
-    for version in Version::ALL {
-        let (side, _arm) = robot(version);
-        let mut client = Client::connect(&config(side.address())).expect("a connection");
+    let world = World::new(0);
+    for version in Version::ALL.into_iter().filter(|v| v.can_move()) {
+        let (side, _arm) = robot(&world, version);
+        let mut client = Client::connect(&config(&world, side.address())).expect("a connection");
         assert_eq!(client.version(), version);
         let model = client.robot_model().expect("a model");
         assert_eq!(model.is_some(), version >= Version::V8);
@@ -78,8 +79,9 @@ fn every_version_holds_the_arm() {
 // Fails if the clamp lets a jump pass that the robot punishes, or does not count it.
 #[test]
 fn a_jump_of_the_law_is_clamped_and_counted() {
-    let (side, _arm) = robot(Version::V10);
-    let mut client = Client::connect(&config(side.address())).expect("a connection");
+    let world = World::new(0);
+    let (side, _arm) = robot(&world, Version::V10);
+    let mut client = Client::connect(&config(&world, side.address())).expect("a connection");
     client.start_torque_motion().expect("a motion");
     let mut state = RobotState::default();
     let mut limited = 0;
@@ -92,7 +94,7 @@ fn a_jump_of_the_law_is_clamped_and_counted() {
     client.stop().expect("a stop");
     let before = client.statistics().commands;
     assert!(matches!(client.command(&[0.0; 7]), Err(ClientError::NothingToAnswer)));
-    assert!(eventually(|| side.statistics().mode == Some(RobotMode::Idle)));
+    assert!(world.eventually(|| side.statistics().mode == Some(RobotMode::Idle)));
     assert_eq!(client.statistics().commands, before);
     assert_eq!(side.shut_down().commands_after_stop, 0);
 }
@@ -101,9 +103,10 @@ fn a_jump_of_the_law_is_clamped_and_counted() {
 // recover.
 #[test]
 fn a_torque_jump_is_a_named_reflex_and_recovers() {
-    for version in Version::ALL {
-        let (side, _arm) = robot(version);
-        let mut settings = config(side.address());
+    let world = World::new(0);
+    for version in Version::ALL.into_iter().filter(|v| v.can_move()) {
+        let (side, _arm) = robot(&world, version);
+        let mut settings = config(&world, side.address());
         settings.limits = TorqueLimits {
             torque_rate: 10_000.0,
             ..TorqueLimits::default()
@@ -142,8 +145,9 @@ fn a_torque_jump_is_a_named_reflex_and_recovers() {
 // Fails if a push on the arm is not the reflex that the thresholds promise.
 #[test]
 fn pushes_are_reflexes_by_joint_and_by_force() {
-    let (side, arm) = robot(Version::V10);
-    let mut client = Client::connect(&config(side.address())).expect("a connection");
+    let world = World::new(0);
+    let (side, arm) = robot(&world, Version::V10);
+    let mut client = Client::connect(&config(&world, side.address())).expect("a connection");
     client
         .set_collision_behavior(&CollisionBehavior::uniform([2.0; 7], [10.0; 7], [2.0; 6], [10.0; 6]))
         .expect("thresholds");
@@ -177,9 +181,10 @@ fn pushes_are_reflexes_by_joint_and_by_force() {
 // Fails if what a person at the robot does is not told apart.
 #[test]
 fn stops_by_a_person_are_told_apart() {
+    let world = World::new(0);
     for version in [Version::V5, Version::V10] {
-        let (side, _arm) = robot(version);
-        let mut client = Client::connect(&config(side.address())).expect("a connection");
+        let (side, _arm) = robot(&world, version);
+        let mut client = Client::connect(&config(&world, side.address())).expect("a connection");
         let controls = side.controls();
         for (control, cause) in [
             (&controls.user_stop, EndCause::UserStop),
@@ -203,7 +208,7 @@ fn stops_by_a_person_are_told_apart() {
                 assert!(matches!(client.recover(), Err(ClientError::Refused { .. })));
             }
             control.store(false, Ordering::Relaxed);
-            assert!(eventually(|| side.statistics().mode == Some(RobotMode::Idle)));
+            assert!(world.eventually(|| side.statistics().mode == Some(RobotMode::Idle)));
         }
         assert_eq!(side.shut_down().commands_after_stop, 0);
     }
@@ -212,8 +217,9 @@ fn stops_by_a_person_are_told_apart() {
 // Fails if a joint can leave its limits, or if the robot recovers by itself from there.
 #[test]
 fn a_joint_at_its_limit_needs_a_person() {
-    let (side, _arm) = robot(Version::V10);
-    let mut client = Client::connect(&config(side.address())).expect("a connection");
+    let world = World::new(0);
+    let (side, _arm) = robot(&world, Version::V10);
+    let mut client = Client::connect(&config(&world, side.address())).expect("a connection");
     client.start_torque_motion().expect("a motion");
     let mut state = RobotState::default();
     // Drives joint 4 slowly towards its upper stop.
@@ -233,8 +239,8 @@ fn a_joint_at_its_limit_needs_a_person() {
     assert_eq!(end.errors.to_string(), "joint_velocity_violation");
     client.recover().expect("a recovery");
 
-    let (side, _arm) = robot(Version::V5);
-    let mut client = Client::connect(&config(side.address())).expect("a connection");
+    let (side, _arm) = robot(&world, Version::V5);
+    let mut client = Client::connect(&config(&world, side.address())).expect("a connection");
     client.start_torque_motion().expect("a motion");
     let end = loop {
         match client.exchange(&mut state, law) {
@@ -255,8 +261,9 @@ fn a_joint_at_its_limit_needs_a_person() {
 // Fails if a torque that is no number leaves the client, or costs the cycle.
 #[test]
 fn a_torque_that_is_no_number_is_not_sent() {
-    let (side, _arm) = robot(Version::V10);
-    let mut client = Client::connect(&config(side.address())).expect("a connection");
+    let world = World::new(0);
+    let (side, _arm) = robot(&world, Version::V10);
+    let mut client = Client::connect(&config(&world, side.address())).expect("a connection");
     client.start_torque_motion().expect("a motion");
     let mut state = RobotState::default();
     client.receive(&mut state).expect("a state");
@@ -275,9 +282,10 @@ fn a_torque_that_is_no_number_is_not_sent() {
 // Fails if the read-only mode asks for a motion, sends a command, or misses what the robot does.
 #[test]
 fn the_observer_reads_and_never_commands() {
+    let world = World::new(0);
     for version in Version::ALL {
-        let (side, arm) = robot(version);
-        let mut observer = ReadOnlyClient::connect(&config(side.address())).expect("a connection");
+        let (side, arm) = robot(&world, version);
+        let mut observer = ReadOnlyClient::connect(&config(&world, side.address())).expect("a connection");
         assert_eq!(observer.version(), version);
         let mut state = RobotState::default();
         side.controls().guiding.store(true, Ordering::Relaxed);
@@ -303,12 +311,32 @@ fn the_observer_reads_and_never_commands() {
     }
 }
 
+// Fails if a client that moves connects to a robot that is only read, or if the error does not say so.
+#[test]
+fn a_version_that_is_only_read_moves_nothing() {
+    let world = World::new(0);
+    let (side, _arm) = robot(&world, Version::V4);
+    let error = Client::connect(&config(&world, side.address()))
+        .err()
+        .expect("an error");
+    assert!(
+        matches!(error, ClientError::ReadOnly { version: Version::V4 }),
+        "{error}"
+    );
+    let mut observer = ReadOnlyClient::connect(&config(&world, side.address())).expect("a connection");
+    let mut state = RobotState::default();
+    observer.receive(&mut state).expect("a state");
+    assert!(deviation(&state, &READY) < 1e-3);
+    assert_eq!(side.shut_down().commands, 0);
+}
+
 // Fails if a client that connects right after the one before it has left is turned away.
 #[test]
 fn a_client_that_left_makes_room_at_once() {
-    let (side, _arm) = robot(Version::V5);
+    let world = World::new(0);
+    let (side, _arm) = robot(&world, Version::V5);
     for k in 0..30 {
-        let observer = ReadOnlyClient::connect(&config(side.address()));
+        let observer = ReadOnlyClient::connect(&config(&world, side.address()));
         assert!(observer.is_ok(), "connection {k}: {:?}", observer.err());
     }
 }
@@ -316,8 +344,9 @@ fn a_client_that_left_makes_room_at_once() {
 // Fails if a client that may not speak the robot's version connects, or its error does not name both.
 #[test]
 fn a_version_that_is_not_permitted_is_an_error() {
-    let (side, _arm) = robot(Version::V10);
-    let mut settings = config(side.address());
+    let world = World::new(0);
+    let (side, _arm) = robot(&world, Version::V10);
+    let mut settings = config(&world, side.address());
     settings.versions = vec![Version::V8, Version::V5];
     let error = Client::connect(&settings).err().expect("an error");
     assert!(
@@ -333,9 +362,10 @@ fn a_version_that_is_not_permitted_is_an_error() {
 // Fails if a second client can take the robot from the first.
 #[test]
 fn a_second_client_is_turned_away() {
-    let (side, _arm) = robot(Version::V10);
-    let mut first = Client::connect(&config(side.address())).expect("a connection");
-    let second = Client::connect(&config(side.address()));
+    let world = World::new(0);
+    let (side, _arm) = robot(&world, Version::V10);
+    let mut first = Client::connect(&config(&world, side.address())).expect("a connection");
+    let second = Client::connect(&config(&world, side.address()));
     assert!(
         matches!(second, Err(ClientError::Closed | ClientError::Io(_))),
         "{:?}",
@@ -349,8 +379,8 @@ fn a_second_client_is_turned_away() {
 #[cfg(target_os = "linux")]
 #[test]
 fn busy_polling_is_set_or_its_refusal_is_named() {
-    let (side, _arm) = robot(Version::V10);
-    let mut settings = config(side.address());
+    let (side, _arm) = robot_with(RobotConfig::for_tests(Version::V10));
+    let mut settings = on_this_machine(side.address());
     settings.busy_poll_us = Some(50);
     match ReadOnlyClient::connect(&settings) {
         Ok(mut observer) => {

@@ -94,6 +94,21 @@ fn pylibfranka_controls_the_robot_side() {
     control(Version::V10);
 }
 
+// Fails if the motion generators of libfranka 0.21.3, with either of the robot's own controllers, do not bring the arm
+// where they lead.
+#[test]
+fn pylibfranka_moves_the_robot_side_by_its_generators() {
+    let Some(python) = python() else { return };
+    let _turn = port_1337();
+    let config = RobotConfig {
+        tolerance: Tolerance::tolerant(),
+        ..RobotConfig::new(Version::V10)
+    };
+    let side = RobotSide::start(config, Box::new(JointArm::new(READY))).expect("port 1337 is free");
+    held(&run(&python, Version::V10, "generators"));
+    assert_eq!(side.shut_down().malformed, 0);
+}
+
 /// A robot side that only sends states in which every number says where it stands.
 fn pattern(version: Version, listener: &TcpListener) {
     listener.set_nonblocking(true).expect("a listener");

@@ -1,7 +1,10 @@
 //! Where the client listens and what it may command.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::sync::Arc;
 use std::time::Duration;
+
+use spherecal_cyclic::{Machine, this_machine};
 
 use crate::{JOINTS, UDP_PORT};
 
@@ -28,8 +31,10 @@ impl TorqueLimits {
 }
 
 /// Settings of a session.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct ClientConfig {
+    /// Time and network of this side.
+    pub machine: Arc<dyn Machine>,
     /// Where the client listens: the network card of the cabinet and the port that the application names.
     pub address: SocketAddr,
     /// The cabinet's address. `None` takes the first sender; datagrams from others are then ignored.
@@ -52,8 +57,9 @@ pub struct ClientConfig {
 
 impl ClientConfig {
     /// The defaults for an arm with these limits: port 30200 on every network card.
-    pub const fn new(limits: TorqueLimits) -> Self {
+    pub fn new(limits: TorqueLimits) -> Self {
         Self {
+            machine: this_machine(),
             address: SocketAddr::new(IpAddr::V4(Ipv4Addr::UNSPECIFIED), UDP_PORT),
             cabinet: None,
             timeout: Duration::from_millis(100),

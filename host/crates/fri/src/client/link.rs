@@ -1,12 +1,15 @@
 //! The socket: what [`Client`](super::Client) and [`ReadOnlyClient`](super::ReadOnlyClient) share.
 
-use std::net::{IpAddr, SocketAddr, UdpSocket};
+use std::net::{IpAddr, SocketAddr};
+use std::sync::Arc;
 
 use spherecal_cyclic::Inbox;
 
 use super::{ClientConfig, ClientError, MonitoredState, VelocityFilter};
 use crate::JOINTS;
-use crate::wire::{Checksum, CommandMessage, MAX_MESSAGE_SIZE, MonitoringMessage, SessionState};
+use crate::wire::{
+    Checksum, CommandMessage, Framing, MAX_DATAGRAM_SIZE, MAX_MESSAGE_SIZE, MonitoringMessage, SessionState,
+};
 
 /// Messages older than the newest by no more than this are late or out of order. What is older still comes from a
 /// restarted cabinet.
@@ -53,10 +56,12 @@ pub(super) struct Received {
 pub(super) struct ClientLink {
     pub(super) statistics: LinkStatistics,
     pub(super) state: MonitoredState,
-    inbox: Inbox<{ MAX_MESSAGE_SIZE + 1 }>,
+    inbox: Inbox<{ MAX_DATAGRAM_SIZE + 1 }>,
     cabinet: Option<IpAddr>,
     answer_to: Option<SocketAddr>,
     newest: Option<MonitoringMessage>,
+    /// How the cabinet frames its messages: the answers have the same frame.
+    framing: Framing,
     filter: VelocityFilter,
     /// Messages since the last answer.
     unanswered: u32,
@@ -68,8 +73,16 @@ pub(super) struct ClientLink {
 impl ClientLink {
     pub(super) fn open(config: &ClientConfig) -> Result<Self, ClientError> {
         let address = config.address;
-        let udp = UdpSocket::bind(address).map_err(|source| ClientError::Listen { address, source })?;
-        let inbox = Inbox::new(udp, config.timeout, config.spin, config.busy_poll_us)?;
+        let machine = &config.machine;
+        let udp = machine.datagrams(address);
+        let udp = udp.map_err(|source| ClientError::Listen { address, source })?;
+        let inbox = Inbox::new(
+            Arc::clone(machine),
+            udp,
+            config.timeout,
+            config.spin,
+            config.busy_poll_us,
+        )?;
         Ok(Self {
             statistics: LinkStatistics::default(),
             state: MonitoredState::default(),
@@ -77,6 +90,7 @@ impl ClientLink {
             cabinet: config.cabinet,
             answer_to: None,
             newest: None,
+            framing: Framing::default(),
             filter: VelocityFilter::new(config.velocity_cutoff_hz),
             unanswered: 0,
             sequence: 0,
@@ -105,7 +119,8 @@ impl ClientLink {
             taken |= self.take(size, from, &mut found)?;
         }
         if !taken {
-            return Err(ClientError::Silent { after: wait.elapsed() });
+            let after = self.inbox.waited(&wait);
+            return Err(ClientError::Silent { after });
         }
         let superseded = self.statistics.messages - messages_before - 1;
         self.statistics.superseded += superseded;
@@ -119,7 +134,8 @@ impl ClientLink {
             self.statistics.foreign += 1;
             return Ok(false);
         }
-        let message = MonitoringMessage::decode(self.inbox.bytes(size))?;
+        let (framing, bytes, checksum) = Framing::open(self.inbox.bytes(size));
+        let message = MonitoringMessage::decode(bytes)?;
         let mut steps = 1;
         if let Some(last) = &self.newest {
             let ahead = message.sequence.wrapping_sub(last.sequence);
@@ -142,7 +158,9 @@ impl ClientLink {
             }
         }
         self.statistics.messages += 1;
-        if message.end.is_some_and(|end| end.checksum == Checksum::Differs) {
+        self.framing = framing;
+        let ends = [Some(checksum), message.end.map(|end| end.checksum)];
+        if ends.contains(&Some(Checksum::Differs)) {
             self.statistics.checksum_differs += 1;
         }
         self.cabinet.get_or_insert(from.ip());
@@ -209,7 +227,9 @@ impl ClientLink {
         };
         let mut bytes = [0; MAX_MESSAGE_SIZE];
         let size = command.encode(&mut bytes, self.checksum)?;
-        self.inbox.send(&bytes[..size], to)?;
+        let mut datagram = [0; MAX_DATAGRAM_SIZE];
+        let size = self.framing.close(&bytes[..size], &mut datagram);
+        self.inbox.send(&datagram[..size], to)?;
         self.sequence = self.sequence.wrapping_add(1);
         self.unanswered = 0;
         self.statistics.commands += 1;

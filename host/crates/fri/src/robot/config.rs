@@ -1,8 +1,12 @@
 //! Settings of the cabinet's side.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::sync::Arc;
 use std::time::Duration;
 
+use spherecal_cyclic::{Machine, this_machine};
+
+use crate::wire::Framing;
 use crate::{JOINTS, UDP_PORT};
 
 /// How patient the cabinet is with its client.
@@ -30,10 +34,17 @@ impl Tolerance {
 }
 
 /// Settings of the cabinet's side.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct CabinetConfig {
+    /// Time and network of this side.
+    pub machine: Arc<dyn Machine>,
     /// Where the client listens.
     pub client: SocketAddr,
+    /// Where the cabinet sends from; a client that knows the cabinet hears no other address. A real cabinet has port
+    /// 30200, as its client has: on one machine that is one too many. `None`: any free port.
+    pub address: Option<SocketAddr>,
+    /// How it frames its messages, and expects the answers.
+    pub framing: Framing,
     /// Time between two messages, ms: 1 to 100.
     pub send_period_ms: u32,
     /// The cabinet expects an answer to each n-th message.
@@ -50,9 +61,12 @@ pub struct CabinetConfig {
 
 impl CabinetConfig {
     /// A strict LBR iiwa 7 with a period of 1 ms, for a client on this machine at port 30200.
-    pub const fn new() -> Self {
+    pub fn new() -> Self {
         Self {
+            machine: this_machine(),
             client: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), UDP_PORT),
+            address: None,
+            framing: Framing::Bare,
             send_period_ms: 1,
             receive_multiplier: 1,
             tolerance: Tolerance::strict(),

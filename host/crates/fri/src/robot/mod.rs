@@ -3,7 +3,8 @@
 //! Three layers:
 //! - [`ArmHardware`]: what moves. [`JointArm`] is a simple one for tests; a simulated plant can stand here instead.
 //! - [`Cabinet`]: the rules, without socket and clock: session states, quality, safety, the application's motion.
-//! - [`CabinetSide`]: UDP and the clock, on a thread of its own.
+//! - [`CabinetSide`]: UDP and the clock, as a process of its own: a thread, or in tests a part of a simulated network
+//!   ([`CabinetConfig::machine`]).
 //!
 //! # The session
 //! ```text
@@ -22,7 +23,7 @@
 //! or a position that is not mirrored ends the motion.
 //!
 //! # The clock
-//! One message each period of the wall clock. The thread of an ordinary computer oversleeps now and then. The simulated
+//! One message each period of its machine's time. The thread of an ordinary computer oversleeps now and then. The simulated
 //! cabinet then slips: it does not make up for lost periods, and counts them. With [`Tolerance::tolerant`] it also waits
 //! up to 100 ms for each answer while commanding, so that a loaded test machine does not cause the faults of a bad
 //! network. A real cabinet does neither.

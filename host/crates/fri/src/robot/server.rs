@@ -1,24 +1,27 @@
-//! The cabinet's side on the network: UDP and the clock, on a thread of its own.
+//! The cabinet's side on the network: UDP and the clock, as a process of its own.
 
 use std::io::ErrorKind;
-use std::net::UdpSocket;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use spherecal_cyclic::{PeriodClock, Published, Side};
+use spherecal_cyclic::{Datagrams, PeriodClock, Process, Published, Side};
 
 use super::arm::ArmHardware;
 use super::cabinet::Cabinet;
 use super::config::CabinetConfig;
-use crate::wire::{CommandMessage, MAX_MESSAGE_SIZE, Quality, SafetyState, SessionState};
+use crate::wire::{CommandMessage, Framing, MAX_DATAGRAM_SIZE, MAX_MESSAGE_SIZE, Quality, SafetyState, SessionState};
+
+/// How often a patient cabinet looks for an answer that is late.
+const LOOK: Duration = Duration::from_micros(100);
 
 /// What the cabinet counted since its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CabinetStatistics {
     /// Periods that the cabinet lived through.
     pub periods: u64,
-    /// Periods by which its clock fell behind the wall clock, because the thread was late or waited.
+    /// Periods by which its clock fell behind the time, because its thread was late or waited.
     pub slipped: u64,
     /// Messages answered in time.
     pub answered: u64,
@@ -26,7 +29,7 @@ pub struct CabinetStatistics {
     pub missing: u64,
     /// Answers that came too late: they answer an older message.
     pub late: u64,
-    /// Datagrams that are no command message.
+    /// Datagrams that are no command message, or in another frame than the cabinet's.
     pub malformed: u64,
     /// Answers with a torque other than zero to a message outside COMMANDING_ACTIVE. A client must never send one.
     pub torques_after_stop: u64,
@@ -60,21 +63,28 @@ impl CabinetSide {
     /// # Errors
     /// What the system says if no port can be opened.
     pub fn start(config: CabinetConfig, arm: Box<dyn ArmHardware>) -> std::io::Result<Self> {
-        let local = if config.client.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
-        let udp = UdpSocket::bind(local)?;
-        udp.set_nonblocking(true)?;
-        let side = Side::start("fri-cabinet", move |shared| {
-            CabinetServer {
+        let machine = Arc::clone(&config.machine);
+        let any: IpAddr = match config.client.ip() {
+            IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+            IpAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+        };
+        let udp = machine.datagrams(config.address.unwrap_or((any, 0).into()))?;
+        let period = Duration::from_millis(config.send_period_ms.max(1).into());
+        let clock = PeriodClock::start(period, machine.now());
+        let side = Side::start(machine.as_ref(), "fri-cabinet", |shared| {
+            let mut server = CabinetServer {
                 cabinet: Cabinet::new(config.clone(), arm.state()),
-                clock: PeriodClock::start(Duration::from_millis(config.send_period_ms.max(1).into())),
+                clock,
                 config,
                 udp,
                 arm,
+                answer: None,
                 sent: SessionState::Idle,
                 count: CabinetStatistics::default(),
                 shared,
-            }
-            .run();
+            };
+            server.send();
+            server
         })?;
         Ok(Self { side })
     }
@@ -89,7 +99,7 @@ impl CabinetSide {
         self.side.statistics()
     }
 
-    /// Switches the cabinet off and waits for its thread.
+    /// Switches the cabinet off.
     pub fn shut_down(self) -> CabinetStatistics {
         self.side.shut_down()
     }
@@ -99,23 +109,36 @@ struct CabinetServer {
     config: CabinetConfig,
     cabinet: Cabinet,
     clock: PeriodClock,
-    udp: UdpSocket,
+    udp: Box<dyn Datagrams>,
     arm: Box<dyn ArmHardware>,
+    /// The answer to the newest message, once it has come.
+    answer: Option<CommandMessage>,
     /// The session's state in the newest message.
     sent: SessionState,
     count: CabinetStatistics,
     shared: Arc<Published<Controls, CabinetStatistics>>,
 }
 
-impl CabinetServer {
-    fn run(mut self) {
-        self.send();
-        while !self.shared.has_ended() {
-            self.run_period();
+impl Process for CabinetServer {
+    /// Waits for the end of the period, and while commanding as long as the cabinet is patient, for the answer to the
+    /// newest message.
+    fn turn(&mut self, now: Instant) -> Instant {
+        if now < self.clock.end() {
+            return self.clock.end();
         }
+        self.take_commands();
+        let waits = self.cabinet.is_commanding() && self.cabinet.answer_is_due();
+        if self.answer.is_none() && waits && self.clock.is_patient(now, self.config.tolerance.patience) {
+            return now + LOOK;
+        }
+        self.clock.advance(now);
+        self.period();
+        self.clock.end()
     }
+}
 
-    fn run_period(&mut self) {
+impl CabinetServer {
+    fn period(&mut self) {
         let controls = &self.shared.controls;
         let safety = SafetyState::from_number(controls.safety.load(Ordering::Relaxed).into());
         self.cabinet.set_controls(
@@ -124,7 +147,7 @@ impl CabinetServer {
             safety.unwrap_or(SafetyState::StopLevel0),
             controls.guiding.load(Ordering::Relaxed),
         );
-        let answer = self.wait_for_answer();
+        let answer = self.answer.take();
         let due = self.cabinet.answer_is_due();
         if answer.is_some() {
             self.count.answered += 1;
@@ -146,32 +169,18 @@ impl CabinetServer {
         self.sent = message.connection.session;
         let mut bytes = [0; MAX_MESSAGE_SIZE];
         if let Ok(size) = message.encode(&mut bytes, self.config.checksum) {
+            let mut datagram = [0; MAX_DATAGRAM_SIZE];
+            let size = self.config.framing.close(&bytes[..size], &mut datagram);
             // A network that refuses a datagram loses it.
-            let _ = self.udp.send_to(&bytes[..size], self.config.client);
+            let _ = self.udp.send(&datagram[..size], self.config.client);
         }
-    }
-
-    /// Waits for the end of the period, and while commanding as long as the cabinet is patient, for the answer to the
-    /// newest message.
-    fn wait_for_answer(&mut self) -> Option<CommandMessage> {
-        let mut answer = None;
-        self.clock.sleep();
-        self.take_commands(&mut answer);
-        let patience = self.config.tolerance.patience;
-        let waits = self.cabinet.is_commanding() && self.cabinet.answer_is_due();
-        while answer.is_none() && waits && self.clock.is_patient(patience) && !self.shared.has_ended() {
-            std::thread::sleep(Duration::from_micros(100));
-            self.take_commands(&mut answer);
-        }
-        self.clock.advance();
-        answer
     }
 
     /// Takes every command that has come. The answer to the newest message counts.
-    fn take_commands(&mut self, answer: &mut Option<CommandMessage>) {
-        let mut bytes = [0; MAX_MESSAGE_SIZE + 1];
+    fn take_commands(&mut self) {
+        let mut bytes = [0; MAX_DATAGRAM_SIZE + 1];
         loop {
-            let (size, from) = match self.udp.recv_from(&mut bytes) {
+            let (size, from) = match self.udp.receive(&mut bytes) {
                 Ok(received) => received,
                 Err(error) if error.kind() == ErrorKind::WouldBlock => return,
                 // A signal, or the last message met a closed port.
@@ -181,7 +190,9 @@ impl CabinetServer {
             if from.ip() != self.config.client.ip() {
                 continue;
             }
-            let Ok(command) = CommandMessage::decode(&bytes[..size]) else {
+            let (framing, message, _) = Framing::open(&bytes[..size]);
+            let command = CommandMessage::decode(message);
+            let Some(command) = command.ok().filter(|_| framing == self.config.framing) else {
                 self.count.malformed += 1;
                 continue;
             };
@@ -195,7 +206,7 @@ impl CabinetServer {
                 self.count.torques_after_stop += 1;
             }
             self.count.largest_torque = self.count.largest_torque.max(most);
-            *answer = Some(command);
+            self.answer = Some(command);
         }
     }
 }

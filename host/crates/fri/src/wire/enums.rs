@@ -97,6 +97,8 @@ wire_enum! {
         Wrench = 2, "WRENCH";
         /// Joint torques.
         Torque = 3, "TORQUE";
+        /// Cartesian poses; from version 2.5 on.
+        CartesianPose = 4, "CARTESIAN_POSE";
     }
 }
 

@@ -1,7 +1,8 @@
 //! The messages of the interface, byte by byte.
 //!
 //! Both travel by UDP, at most 1,500 bytes each, in protocol buffers (proto2): the cabinet sends a
-//! [`MonitoringMessage`] each period, the client answers with a [`CommandMessage`].
+//! [`MonitoringMessage`] each period, the client answers with a [`CommandMessage`]. [`Framing`] says how a datagram carries
+//! its message.
 //!
 //! Encoder and decoder are our own because a real-time loop may not allocate: they work on arrays of seven joints. The
 //! tests hold them against `prost`. Repeated doubles are written one key for each value, as the cabinet does; packed ones
@@ -13,6 +14,7 @@
 mod command;
 mod end;
 mod enums;
+mod framing;
 mod monitoring;
 mod protobuf;
 
@@ -21,6 +23,7 @@ pub use end::{Checksum, EndOfMessage};
 pub use enums::{
     ClientCommandMode, ControlMode, DriveState, OperationMode, OverlayType, Quality, SafetyState, SessionState,
 };
+pub use framing::{Framing, MAX_DATAGRAM_SIZE};
 pub use monitoring::{ConnectionInfo, IpoData, MonitoringMessage, RobotInfo, Timestamp};
 
 /// The largest message, bytes.
@@ -97,6 +100,12 @@ pub enum WireError {
 /// # Panics
 /// Never for any input, unless a decoder or encoder is wrong.
 pub fn fuzz_decode(data: &[u8]) {
+    let (framing, data, _) = Framing::open(data);
+    let mut datagram = [0; MAX_DATAGRAM_SIZE];
+    if data.len() <= MAX_MESSAGE_SIZE {
+        let size = framing.close(data, &mut datagram);
+        assert_eq!(Framing::open(&datagram[..size]).1, data);
+    }
     let mut bytes = [0; MAX_MESSAGE_SIZE];
     if let Ok(message) = MonitoringMessage::decode(data) {
         let message = MonitoringMessage { end: None, ..message };

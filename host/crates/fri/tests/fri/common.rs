@@ -5,13 +5,22 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use spherecal_cyclic::testing::{Faults, LOCAL, Relay, joint_impedance};
+use spherecal_cyclic::Machine;
+use spherecal_cyclic::testing::{LOCAL, World, joint_impedance};
 use spherecal_fri::client::{Client, ClientConfig, ClientError, Cycle, MonitoredState, TorqueLimits};
-use spherecal_fri::robot::{CabinetConfig, CabinetSide, JointArm, START, Tolerance};
+use spherecal_fri::robot::{CabinetConfig, CabinetSide, JointArm, START};
 use spherecal_fri::wire::SessionState;
 
-/// Settings of a client on this machine, on any free port. The timeout is long: two cores are shared.
-pub(crate) fn config() -> ClientConfig {
+/// Settings of a client in this world, on any free port.
+pub(crate) fn config(world: &World) -> ClientConfig {
+    ClientConfig {
+        machine: world.machine(),
+        ..on_this_machine()
+    }
+}
+
+/// Settings of a client on this machine. The timeout is long: two cores are shared.
+pub(crate) fn on_this_machine() -> ClientConfig {
     ClientConfig {
         address: LOCAL,
         timeout: Duration::from_secs(2),
@@ -19,13 +28,18 @@ pub(crate) fn config() -> ClientConfig {
     }
 }
 
-/// A tolerant cabinet with the simple arm, which the test can push, for the client at this address.
-pub(crate) fn cabinet(client: SocketAddr) -> (CabinetSide, Arc<Mutex<JointArm>>) {
-    cabinet_with(CabinetConfig {
+/// Settings of a cabinet on the machine of the client at this address. It does not wait, as a real one does not.
+pub(crate) fn for_client(machine: &Arc<dyn Machine>, client: SocketAddr) -> CabinetConfig {
+    CabinetConfig {
+        machine: Arc::clone(machine),
         client,
-        tolerance: Tolerance::tolerant(),
         ..CabinetConfig::new()
-    })
+    }
+}
+
+/// Such a cabinet with the simple arm, which the test can push.
+pub(crate) fn cabinet(world: &World, client: SocketAddr) -> (CabinetSide, Arc<Mutex<JointArm>>) {
+    cabinet_with(for_client(&world.machine(), client))
 }
 
 pub(crate) fn cabinet_with(config: CabinetConfig) -> (CabinetSide, Arc<Mutex<JointArm>>) {
@@ -64,7 +78,8 @@ pub(crate) fn until(
 /// A client that commands: the session is in COMMANDING_ACTIVE.
 pub(crate) fn commanding(config: &ClientConfig) -> (Client, CabinetSide, Arc<Mutex<JointArm>>) {
     let mut client = Client::listen(config).expect("a client");
-    let (side, arm) = cabinet(client.address().expect("an address"));
+    let address = client.address().expect("an address");
+    let (side, arm) = cabinet_with(for_client(&config.machine, address));
     rise(&mut client, &side);
     (client, side, arm)
 }
@@ -80,25 +95,4 @@ pub(crate) fn rise(client: &mut Client, side: &CabinetSide) {
     client.enable().expect("a robot that may move");
     side.controls().command.store(true, Ordering::Relaxed);
     until(client, SessionState::CommandingActive, &mut state).expect("a motion");
-}
-
-/// A network between cabinet (A) and client (B).
-pub(crate) struct Network {
-    pub(crate) faults: Arc<Faults>,
-    /// Where the cabinet sends.
-    pub(crate) address: SocketAddr,
-    _relay: Relay,
-}
-
-impl Network {
-    /// In front of the client at `client`. `seed` decides which datagrams are lost.
-    pub(crate) fn before(client: SocketAddr, seed: u64) -> Self {
-        let relay = Relay::start(seed);
-        relay.set_b(client.port());
-        Self {
-            faults: Arc::clone(&relay.faults),
-            address: relay.for_a,
-            _relay: relay,
-        }
-    }
 }

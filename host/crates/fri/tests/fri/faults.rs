@@ -3,37 +3,35 @@
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use crate::common::{Network, cabinet, cabinet_with, commanding, config, deviation, hold, rise};
-use spherecal_cyclic::testing::eventually;
+use crate::common::{cabinet, cabinet_with, commanding, config, deviation, for_client, hold, rise};
+use spherecal_cyclic::Machine as _;
+use spherecal_cyclic::testing::World;
 use spherecal_fri::client::{Client, ClientError, EndCause, MonitoredState};
-use spherecal_fri::robot::{CabinetConfig, CabinetSide, START};
+use spherecal_fri::robot::{CabinetConfig, CabinetSide, START, Tolerance};
 use spherecal_fri::wire::SessionState;
 
-/// A client that commands through a network.
-fn through_a_network(seed: u64) -> (Client, CabinetSide, Network) {
-    let mut settings = config();
+/// A client that commands, in a world whose faults depend on `seed`.
+fn in_a_world(seed: u64) -> (World, Client, CabinetSide) {
+    let world = World::new(seed);
+    let mut settings = config(&world);
     settings.timeout = Duration::from_secs(1);
-    let mut client = Client::listen(&settings).expect("a client");
-    let network = Network::before(client.address().expect("an address"), seed);
-    let (side, _arm) = cabinet(network.address);
-    rise(&mut client, &side);
-    (client, side, network)
+    let (client, side, _arm) = commanding(&settings);
+    (world, client, side)
 }
 
 // Fails if 1 % or 5 % of lost datagrams end the session, move the arm by more than 1 mrad, or are not counted.
 #[test]
-#[ignore = "timed: the gate runs it"]
-fn timed_lost_datagrams_are_counted_and_stop_nothing() {
+fn lost_datagrams_are_counted_and_stop_nothing() {
     for (loss, seed) in [(100, 1), (500, 2)] {
-        let (mut client, side, network) = through_a_network(seed);
-        network.faults.loss.store(loss, Ordering::Relaxed);
+        let (world, mut client, side) = in_a_world(seed);
+        world.faults().loss.store(loss, Ordering::Relaxed);
         let mut state = MonitoredState::default();
         let law = hold(START);
         for _ in 0..1000 {
             client.exchange(&mut state, &law).expect("a cycle");
             assert!(deviation(&state, &START) < 1e-3);
         }
-        let lost = network.faults.lost.load(Ordering::Relaxed);
+        let lost = world.faults().lost.load(Ordering::Relaxed);
         assert!(lost > u64::from(loss) / 10, "{lost}");
         let counted = client.statistics();
         // Each loss is counted once: a message that is missed or a command that is not reflected.
@@ -49,29 +47,27 @@ fn timed_lost_datagrams_are_counted_and_stop_nothing() {
 // Fails if 2 ms of jitter lead to anything but a held arm (with a cabinet that waits) or a session that falls by name
 // (with a cabinet that does not).
 #[test]
-#[ignore = "timed: the gate runs it"]
-fn timed_jitter_is_held_or_named() {
-    let mut client = Client::listen(&config()).expect("a client");
-    let network = Network::before(client.address().expect("an address"), 3);
-    let (side, _arm) = cabinet(network.address);
+fn jitter_is_held_or_named() {
+    let world = World::new(2);
+    let mut client = Client::listen(&config(&world)).expect("a client");
+    let (side, _arm) = cabinet_with(CabinetConfig {
+        tolerance: Tolerance::tolerant(),
+        ..for_client(&world.machine(), client.address().expect("an address"))
+    });
     rise(&mut client, &side);
-    network.faults.jitter_us.store(2000, Ordering::Relaxed);
+    world.faults().jitter_us.store(2000, Ordering::Relaxed);
     let mut state = MonitoredState::default();
     let law = hold(START);
     for _ in 0..1000 {
         client.exchange(&mut state, &law).expect("a cycle");
         assert!(deviation(&state, &START) < 1e-3);
     }
-    drop((client, side, network));
+    drop((client, side));
 
     // A cabinet that does not wait: with 20 ms it never gets an answer in time.
-    let mut client = Client::listen(&config()).expect("a client");
-    let network = Network::before(client.address().expect("an address"), 4);
-    network.faults.jitter_us.store(20_000, Ordering::Relaxed);
-    let (side, _arm) = cabinet_with(CabinetConfig {
-        client: network.address,
-        ..CabinetConfig::new()
-    });
+    let mut client = Client::listen(&config(&world)).expect("a client");
+    world.faults().jitter_us.store(20_000, Ordering::Relaxed);
+    let (side, _arm) = cabinet(&world, client.address().expect("an address"));
     client.exchange(&mut state, &law).expect("a message");
     client.enable().expect("a robot that may move");
     side.controls().command.store(true, Ordering::Relaxed);
@@ -91,24 +87,22 @@ fn timed_jitter_is_held_or_named() {
 // torque when the cable is back.
 #[test]
 fn a_cable_that_is_out_ends_the_motion_and_is_reported() {
-    let (mut client, side, network) = through_a_network(5);
+    let (world, mut client, side) = in_a_world(5);
     let mut state = MonitoredState::default();
     let law = hold(START);
     for _ in 0..100 {
         client.exchange(&mut state, &law).expect("a cycle");
     }
-    network.faults.cable_out.store(true, Ordering::Relaxed);
+    world.faults().cable_out.store(true, Ordering::Relaxed);
     let silent = loop {
         if let Err(error) = client.exchange(&mut state, &law) {
             break error;
         }
     };
     assert!(matches!(silent, ClientError::Silent { .. }), "{silent}");
-    assert!(eventually(
-        || side.statistics().session == Some(SessionState::MonitoringWait)
-    ));
-    std::thread::sleep(Duration::from_secs(3));
-    network.faults.cable_out.store(false, Ordering::Relaxed);
+    assert!(world.eventually(|| side.statistics().session == Some(SessionState::MonitoringWait)));
+    world.sleep(Duration::from_secs(3));
+    world.faults().cable_out.store(false, Ordering::Relaxed);
     let end = loop {
         match client.exchange(&mut state, &law) {
             Err(ClientError::Ended(end)) => break end,
@@ -132,7 +126,8 @@ fn a_cable_that_is_out_ends_the_motion_and_is_reported() {
 // Fails if a restarted cabinet is commanded without a new permission.
 #[test]
 fn a_restarted_cabinet_is_a_named_end() {
-    let (mut client, side, _arm) = commanding(&config());
+    let world = World::new(4);
+    let (mut client, side, _arm) = commanding(&config(&world));
     let address = client.address().expect("an address");
     let mut state = MonitoredState::default();
     let law = hold(START);
@@ -140,7 +135,7 @@ fn a_restarted_cabinet_is_a_named_end() {
         client.exchange(&mut state, &law).expect("a cycle");
     }
     side.shut_down();
-    let (side, _arm) = cabinet(address);
+    let (side, _arm) = cabinet(&world, address);
     side.controls().command.store(true, Ordering::Relaxed);
     let end = loop {
         match client.exchange(&mut state, &law) {
@@ -162,18 +157,17 @@ fn a_restarted_cabinet_is_a_named_end() {
 // Fails if the cabinet goes on when its client is killed, or takes no new client.
 #[test]
 fn a_killed_client_leaves_closed_brakes() {
-    let (client, side, arm) = commanding(&config());
+    let world = World::new(5);
+    let (client, side, arm) = commanding(&config(&world));
     let address = client.address().expect("an address");
     // The process is gone: no more answers.
     drop(client);
-    assert!(eventually(
-        || side.statistics().session == Some(SessionState::MonitoringWait)
-    ));
+    assert!(world.eventually(|| side.statistics().session == Some(SessionState::MonitoringWait)));
     let before = *arm.lock().expect("the arm").q();
     let periods = side.statistics().periods;
-    assert!(eventually(|| side.statistics().periods > periods + 300));
+    assert!(world.eventually(|| side.statistics().periods > periods + 300));
     assert_eq!(before, *arm.lock().expect("the arm").q());
-    let mut settings = config();
+    let mut settings = config(&world);
     settings.address = address;
     let mut next = Client::listen(&settings).expect("a new client");
     side.controls().command.store(false, Ordering::Relaxed);

@@ -3,7 +3,7 @@
 use std::net::UdpSocket;
 use std::time::Duration;
 
-use crate::common::config;
+use crate::common::on_this_machine;
 use spherecal_cyclic::testing::LOCAL;
 use spherecal_fri::client::{Client, ClientError, EndCause, MonitoredState, ReadOnlyClient};
 use spherecal_fri::wire::*;
@@ -80,7 +80,7 @@ impl Cabinet {
 }
 
 fn client() -> (Client, Cabinet) {
-    let client = Client::listen(&config()).expect("a client");
+    let client = Client::listen(&on_this_machine()).expect("a client");
     let cabinet = Cabinet::before(client.address().expect("an address"));
     (client, cabinet)
 }
@@ -96,7 +96,7 @@ fn each_session_state_has_its_answer() {
         S::CommandingWait,
         S::CommandingActive,
     ];
-    let mut observer = ReadOnlyClient::listen(&config()).expect("an observer");
+    let mut observer = ReadOnlyClient::listen(&on_this_machine()).expect("an observer");
     let mut cabinet = Cabinet::before(observer.address().expect("an address"));
     let mut state = MonitoredState::default();
     for session in all {
@@ -258,7 +258,7 @@ fn what_forbids_commanding_is_named() {
 // Fails if bytes that are no message, or that come from another host, reach the control law.
 #[test]
 fn other_datagrams_do_not_reach_the_law() {
-    let mut settings = config();
+    let mut settings = on_this_machine();
     settings.cabinet = Some([127, 0, 0, 2].into());
     settings.timeout = Duration::from_millis(50);
     let mut client = Client::listen(&settings).expect("a client");

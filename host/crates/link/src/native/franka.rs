@@ -1,18 +1,18 @@
 //! A Panda or an FR3 behind the Franka Control Interface.
 
-use std::time::{Duration, Instant};
+use std::sync::Arc;
+use std::time::Duration;
 
 use spherecal_fci::PERIOD_S;
-use spherecal_fci::client::{Client, ClientConfig, ClientError};
-use spherecal_fci::robot::{ArmLimits as FrankaLimits, ModelError};
-use spherecal_fci::wire::{CollisionBehavior, FlangeLoad, RobotMode, RobotState, Status, Version};
-use spherecal_shared::procedure::Procedure;
+use spherecal_fci::client::{Client, ClientError};
+use spherecal_fci::robot::ArmLimits as FrankaLimits;
+use spherecal_fci::wire::{RobotMode, RobotState, Status, Version};
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
 use spherecal_shared::protocol::host::LoopTiming;
-use spherecal_shared::robot::{Inertia, JointLimits};
 
+use super::franka_setup::{FrankaOptions, joint_limits, open, own_limits};
 use super::monitor::{DriveRecorder, Monitor};
-use super::{DriveEvent, GIVE_UP, JOINTS, PAUSE_TICKS, Undeclared, fill, periods, torques};
+use super::{DriveEvent, GIVE_UP, PAUSE_TICKS, fill, periods, torques};
 use crate::{Drive, LinkError};
 
 /// Session number of the drive: a lost connection ends the run, or goes on in the
@@ -26,38 +26,6 @@ const RECOVERY_TICKS: u64 = 15_000;
 const RECOVERIES: u32 = 3;
 /// Shortest time between two attempts to connect again.
 const RETRY: Duration = Duration::from_millis(100);
-/// Distance from the axis of joints 1 to 4, and 5 to 7, to the farthest contact, in m: it turns a threshold of the
-/// force into one of the torque.
-const LEVER_M: [f64; JOINTS] = [0.9, 0.9, 0.9, 0.9, 0.35, 0.35, 0.35];
-
-/// What the drive tells the robot before the first motion.
-#[derive(Clone, Debug)]
-pub struct FrankaOptions {
-    /// The connection.
-    pub config: ClientConfig,
-    /// Mass distribution of the calibration tool in the flange frame.
-    pub load: Inertia,
-    /// Thresholds of contact and collision, see [`collision_behavior`].
-    pub thresholds: CollisionBehavior,
-    /// What the handshake adds to what the robot says.
-    pub undeclared: Undeclared,
-}
-
-/// Thresholds of the robot for this procedure. The robot reports a contact from the force that triggers the approach
-/// (`approach.trigger_n`) on. Its reflex stands at one and a half times the force at which the controller stops the arm
-/// (`limits.force_n`): the pull that releases the nest passes, and the controller reacts first.
-pub fn collision_behavior(procedure: &Procedure) -> CollisionBehavior {
-    let limits = FrankaLimits::PANDA.torque;
-    let (contact, collision) = (procedure.approach.trigger_n, 1.5 * procedure.limits.force_n);
-    let torque = |force: f64| std::array::from_fn(|j| (force * LEVER_M[j]).min(limits[j]));
-    // Moments at the end effector act with the lever of the wrist.
-    let force = |force: f64| {
-        let moment = force * LEVER_M[JOINTS - 1];
-        [force, force, force, moment, moment, moment]
-    };
-    CollisionBehavior::uniform(torque(contact), torque(collision), force(contact), force(collision))
-}
-
 /// A Franka robot as a drive.
 ///
 /// - A command with `enable` starts a torque motion if none runs. That command's torque is not sent: it was computed for
@@ -93,7 +61,7 @@ impl FrankaDrive {
     /// The robot cannot be reached, speaks another version, or refuses a setting.
     pub fn connect(options: FrankaOptions) -> Result<Self, LinkError> {
         let mut client = open(&options).map_err(LinkError::device)?;
-        let mut recorder = DriveRecorder::new(PERIOD_US);
+        let mut recorder = DriveRecorder::new(PERIOD_US, Arc::clone(&options.config.machine));
         let limits = match own_limits(&mut client).map_err(LinkError::device)? {
             Some(Ok(limits)) => limits,
             Some(Err(error)) => {
@@ -231,7 +199,9 @@ impl FrankaDrive {
     }
 
     fn reconnect(&mut self) -> Result<(), LinkError> {
-        let begun = Instant::now();
+        let machine = Arc::clone(&self.options.config.machine);
+        let begun = machine.now();
+        let elapsed = || machine.now().saturating_duration_since(begun);
         match open(&self.options) {
             Ok(client) => {
                 self.client = Some(client);
@@ -240,10 +210,10 @@ impl FrankaDrive {
                 self.recorder.event(DriveEvent::Reconnected);
             }
             Err(error @ (ClientError::Version { .. } | ClientError::Wire(_))) => return Err(LinkError::device(error)),
-            Err(error) if self.silent + begun.elapsed() > GIVE_UP => return Err(LinkError::device(error)),
-            Err(_) => std::thread::sleep(RETRY.saturating_sub(begun.elapsed())),
+            Err(error) if self.silent + elapsed() > GIVE_UP => return Err(LinkError::device(error)),
+            Err(_) => machine.sleep(RETRY.saturating_sub(elapsed())),
         }
-        self.heard_nothing(begun.elapsed());
+        self.heard_nothing(elapsed());
         Ok(())
     }
 
@@ -375,46 +345,4 @@ impl Drive for FrankaDrive {
     fn timing(&self) -> Option<LoopTiming> {
         Some(LoopTiming::from(&self.recorder.record))
     }
-}
-
-/// Connects; clears a reflex of earlier; declares load and thresholds.
-fn open(options: &FrankaOptions) -> Result<Client, ClientError> {
-    let mut client = Client::connect(&options.config)?;
-    let mut state = RobotState::default();
-    client.receive(&mut state)?;
-    if state.robot_mode == RobotMode::Reflex {
-        client.recover()?;
-    }
-    client.set_load(&load(&options.load))?;
-    client.set_collision_behavior(&options.thresholds)?;
-    Ok(client)
-}
-
-fn load(body: &Inertia) -> FlangeLoad {
-    let [xx, yy, zz, xy, xz, yz] = body.inertia_kg_m2;
-    FlangeLoad {
-        mass: body.mass_kg,
-        centre_of_mass: body.com_m,
-        inertia: [xx, xy, xz, xy, yy, yz, xz, yz, zz],
-    }
-}
-
-/// The limits that the robot states in its own model; `None` where the version has no model.
-fn own_limits(client: &mut Client) -> Result<Option<Result<FrankaLimits, ModelError>>, ClientError> {
-    match client.robot_model() {
-        Ok(model) => Ok(model.map(|text| FrankaLimits::from_urdf(&text))),
-        // A robot that does not tell has the limits of its data sheet.
-        Err(ClientError::Refused { .. }) => Ok(None),
-        Err(error) => Err(error),
-    }
-}
-
-fn joint_limits(limits: &FrankaLimits) -> heapless::Vec<JointLimits, { spherecal_shared::MAX_JOINTS }> {
-    let joint = |j: usize| JointLimits {
-        min_rad: limits.lower[j],
-        max_rad: limits.upper[j],
-        velocity_rad_s: limits.velocity[j],
-        torque_nm: limits.torque[j],
-    };
-    (0..JOINTS).map(joint).collect()
 }

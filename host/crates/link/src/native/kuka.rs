@@ -1,7 +1,9 @@
 //! An LBR iiwa or LBR Med behind KUKA's Fast Robot Interface.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use spherecal_cyclic::Machine;
 use spherecal_fri::client::{
     Client, ClientConfig, ClientError, MeasuredSign, MonitoredState, TorqueLimits, measured_sign,
 };
@@ -87,6 +89,7 @@ pub enum KukaError {
 /// - Velocities are differentiated and filtered by the client.
 /// - The sign of the measured torques is found at the start, by the gravity of the arm at rest.
 pub struct KukaDrive {
+    machine: Arc<dyn Machine>,
     client: Client,
     hello: DriveHello,
     state: MonitoredState,
@@ -129,7 +132,7 @@ impl KukaDrive {
             ..options.config.clone()
         };
         let mut client = Client::listen(&config)?;
-        let state = first_state(&mut client)?;
+        let state = first_state(&mut client, config.machine.as_ref())?;
         let multiplier = state.receive_multiplier.unwrap_or(1);
         if multiplier > 1 {
             return Err(KukaError::Multiplier { multiplier });
@@ -156,7 +159,8 @@ impl KukaDrive {
             begun: false,
             resume_at: 0,
             silent: Duration::ZERO,
-            recorder: DriveRecorder::new(period_us),
+            recorder: DriveRecorder::new(period_us, Arc::clone(&config.machine)),
+            machine: config.machine,
         })
     }
 
@@ -192,7 +196,9 @@ impl KukaDrive {
             self.refused(DriveEvent::KukaNotReady(cause));
             return Ok(());
         }
-        let begun = Instant::now();
+        let machine = Arc::clone(&self.machine);
+        let begun = machine.now();
+        let elapsed = || machine.now().saturating_duration_since(begun);
         let mut told = false;
         while !self.client.is_answerable() {
             match self.client.receive(&mut self.state) {
@@ -203,11 +209,11 @@ impl KukaDrive {
                 }
                 Err(error) => return Err(LinkError::device(error)),
             }
-            if !told && begun.elapsed() > Duration::from_secs(1) {
+            if !told && elapsed() > Duration::from_secs(1) {
                 told = true;
                 self.recorder.event(DriveEvent::KukaWaits(self.state.session));
             }
-            if begun.elapsed() > START {
+            if elapsed() > START {
                 self.client.disable();
                 self.refused(DriveEvent::KukaWaits(self.state.session));
                 return Ok(());
@@ -319,25 +325,26 @@ impl Drive for KukaDrive {
 }
 
 /// Mirrors until the connection is good enough for commands.
-fn first_state(client: &mut Client) -> Result<MonitoredState, KukaError> {
+fn first_state(client: &mut Client, machine: &dyn Machine) -> Result<MonitoredState, KukaError> {
     let mut state = MonitoredState::default();
-    let mut begun = Instant::now();
+    let mut begun = machine.now();
+    let since = |begun: Instant| machine.now().saturating_duration_since(begun);
     let mut heard = false;
     loop {
         match client.receive(&mut state) {
             Ok(_) => {
                 if !std::mem::replace(&mut heard, true) {
-                    begun = Instant::now();
+                    begun = machine.now();
                 }
                 if !matches!(state.session, SessionState::Idle | SessionState::MonitoringWait) {
                     return Ok(state);
                 }
             }
-            Err(ClientError::Silent { .. }) if begun.elapsed() < FIRST => {}
-            Err(ClientError::Silent { .. }) => return Err(ClientError::Silent { after: begun.elapsed() }.into()),
+            Err(ClientError::Silent { .. }) if since(begun) < FIRST => {}
+            Err(ClientError::Silent { .. }) => return Err(ClientError::Silent { after: since(begun) }.into()),
             Err(error) => return Err(error.into()),
         }
-        if heard && begun.elapsed() > FIRST {
+        if heard && since(begun) > FIRST {
             return Err(KukaError::NotReady {
                 session: state.session,
                 quality: state.quality,

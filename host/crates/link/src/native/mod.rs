@@ -16,6 +16,7 @@
 
 mod event;
 mod franka;
+mod franka_setup;
 mod histogram;
 mod kuka;
 mod monitor;
@@ -26,7 +27,8 @@ use std::time::Duration;
 use spherecal_shared::Joints;
 
 pub use event::DriveEvent;
-pub use franka::{FrankaDrive, FrankaOptions, collision_behavior};
+pub use franka::FrankaDrive;
+pub use franka_setup::{FrankaOptions, collision_behavior};
 pub use histogram::Histogram;
 pub use kuka::{KukaDrive, KukaError, KukaOptions};
 pub use monitor::{DriveRecord, Monitor};

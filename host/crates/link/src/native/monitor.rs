@@ -4,6 +4,8 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError, TryLockError};
 use std::time::Instant;
 
+use spherecal_cyclic::Machine;
+
 use spherecal_shared::protocol::host::LoopTiming;
 
 use super::{DriveEvent, Histogram};
@@ -115,10 +117,11 @@ pub(super) struct DriveRecorder {
     since_shared: u32,
     arrived: Option<Instant>,
     period_us: u32,
+    machine: Arc<dyn Machine>,
 }
 
 impl DriveRecorder {
-    pub(super) fn new(period_us: u32) -> Self {
+    pub(super) fn new(period_us: u32, machine: Arc<dyn Machine>) -> Self {
         let monitor = Monitor::default();
         if let Ok(mut shared) = monitor.0.lock() {
             shared.events.reserve_exact(EVENTS);
@@ -130,6 +133,7 @@ impl DriveRecorder {
             since_shared: 0,
             arrived: None,
             period_us,
+            machine,
         }
     }
 
@@ -139,7 +143,7 @@ impl DriveRecorder {
 
     /// A state came, `missed` periods after the one that was expected. `commanding`: torques are due.
     pub(super) fn state(&mut self, commanding: bool, missed: u32) {
-        let now = Instant::now();
+        let now = self.machine.now();
         if let Some(before) = self.arrived.filter(|_| commanding) {
             let expected = u64::from(self.period_us) * (u64::from(missed) + 1);
             let took = u64::try_from(now.duration_since(before).as_micros()).unwrap_or(u64::MAX);
@@ -158,7 +162,7 @@ impl DriveRecorder {
     /// The newest state was answered just now.
     pub(super) fn answered(&mut self, rate_limited: bool, torque_limited: bool) {
         let Some(arrived) = self.arrived else { return };
-        let us = u32::try_from(arrived.elapsed().as_micros()).unwrap_or(u32::MAX);
+        let us = u32::try_from(self.machine.now().saturating_duration_since(arrived).as_micros()).unwrap_or(u32::MAX);
         self.record.turnaround.record(us);
         self.record.cycles += 1;
         self.record.late += u64::from(us > ANSWER_US);
@@ -212,7 +216,7 @@ mod tests {
     // Fails if an event is lost, repeated or out of order while a reader holds the lock now and then.
     #[test]
     fn events_arrive_once_and_in_order() {
-        let mut recorder = DriveRecorder::new(1000);
+        let mut recorder = DriveRecorder::new(1000, spherecal_cyclic::this_machine());
         let monitor = recorder.monitor();
         {
             let _reader = monitor.0.lock().expect("a lock");
@@ -229,7 +233,7 @@ mod tests {
     // Fails if periods are counted as missed while no torque is due, or a missed period is not.
     #[test]
     fn only_due_periods_can_be_missed() {
-        let mut recorder = DriveRecorder::new(1000);
+        let mut recorder = DriveRecorder::new(1000, spherecal_cyclic::this_machine());
         recorder.state(false, 5);
         recorder.state(true, 2);
         recorder.answered(true, false);

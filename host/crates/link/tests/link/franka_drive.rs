@@ -4,8 +4,10 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use spherecal_cyclic::testing::World;
+use spherecal_cyclic::{Machine, this_machine};
 use spherecal_fci::client::{ClientConfig, EndCause};
-use spherecal_fci::robot::{ArmLimits, FR3_URDF, JointArm, READY, RobotConfig, RobotSide};
+use spherecal_fci::robot::{ArmLimits, FR3_URDF, JointArm, READY, RobotConfig, RobotSide, Tolerance};
 use spherecal_fci::wire::{ErrorFlag, Version};
 use spherecal_link::Drive;
 use spherecal_link::native::{DriveEvent, FrankaDrive, FrankaOptions, Undeclared, collision_behavior};
@@ -18,12 +20,12 @@ use spherecal_shared::robot::Inertia;
 /// What no test waits longer for.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-fn options(port: u16) -> FrankaOptions {
+fn options(machine: &Arc<dyn Machine>, port: u16) -> FrankaOptions {
     FrankaOptions {
         config: ClientConfig {
+            machine: Arc::clone(machine),
             port,
             connect_timeout: Duration::from_secs(1),
-            // A loaded test machine may not run the robot's thread for a while.
             state_timeout: Duration::from_millis(500),
             ..ClientConfig::new("127.0.0.1")
         },
@@ -41,6 +43,7 @@ fn options(port: u16) -> FrankaOptions {
 
 /// A drive under a control law that holds the arm where it was released.
 struct Held {
+    machine: Arc<dyn Machine>,
     drive: FrankaDrive,
     state: DriveState,
     at: Option<Vec<f64>>,
@@ -48,11 +51,12 @@ struct Held {
 }
 
 impl Held {
-    fn new(port: u16) -> Self {
-        let mut drive = FrankaDrive::connect(options(port)).expect("a robot");
+    fn new(machine: &Arc<dyn Machine>, port: u16) -> Self {
+        let mut drive = FrankaDrive::connect(options(machine, port)).expect("a robot");
         let mut state = DriveState::default();
         drive.exchange(None, &mut state).expect("a state");
         Self {
+            machine: Arc::clone(machine),
             drive,
             state,
             at: None,
@@ -89,11 +93,20 @@ impl Held {
 
     /// Steps until this is so.
     fn until(&mut self, what: &str, done: impl Fn(&Self) -> bool) {
-        let begun = Instant::now();
+        let begun = self.machine.now();
         while !done(self) {
-            assert!(begun.elapsed() < PATIENCE, "{what}: {:?} {:?}", self.state, self.events);
+            assert!(
+                self.waited(begun) < PATIENCE,
+                "{what}: {:?} {:?}",
+                self.state,
+                self.events
+            );
             self.step();
         }
+    }
+
+    fn waited(&self, begun: Instant) -> Duration {
+        self.machine.now().saturating_duration_since(begun)
     }
 
     fn moves(&self) -> bool {
@@ -101,19 +114,33 @@ impl Held {
     }
 }
 
-fn robot(version: Version) -> (RobotSide, Arc<Mutex<JointArm>>) {
+/// A robot that does not wait, as a real one does not.
+fn settings(machine: &Arc<dyn Machine>, version: Version) -> RobotConfig {
+    RobotConfig {
+        machine: Arc::clone(machine),
+        tolerance: Tolerance::strict(),
+        ..RobotConfig::for_tests(version)
+    }
+}
+
+fn robot_with(config: RobotConfig) -> (RobotSide, Arc<Mutex<JointArm>>) {
     let arm = Arc::new(Mutex::new(JointArm::new(READY)));
-    let side = RobotSide::start(RobotConfig::for_tests(version), Box::new(Arc::clone(&arm))).expect("a robot side");
+    let side = RobotSide::start(config, Box::new(Arc::clone(&arm))).expect("a robot side");
     (side, arm)
+}
+
+fn robot(machine: &Arc<dyn Machine>, version: Version) -> (RobotSide, Arc<Mutex<JointArm>>) {
+    robot_with(settings(machine, version))
 }
 
 // Fails if the hello hides that the robot compensates gravity, the load is not declared before the first motion, ticks
 // are lost or repeated while the motion runs, or a torque exceeds the robot's rate (a reflex would end the motion).
 #[test]
 fn the_arm_is_held_and_every_period_has_its_tick() {
+    let machine = World::new(1).machine();
     for version in [Version::V5, Version::V10] {
-        let (side, _arm) = robot(version);
-        let mut held = Held::new(side.address().port());
+        let (side, _arm) = robot(&machine, version);
+        let mut held = Held::new(&machine, side.address().port());
         let hello = held.drive.hello();
         assert!(hello.compensates_gravity && !hello.lock_step);
         assert_eq!((hello.torque_sign, hello.period_us), (TorqueSign::OfActuator, 1000));
@@ -143,8 +170,9 @@ fn the_arm_is_held_and_every_period_has_its_tick() {
 // is not asked for, or the motion does not go on after it.
 #[test]
 fn a_reflex_is_a_named_fault_and_the_robot_recovers() {
-    let (side, arm) = robot(Version::V10);
-    let mut held = Held::new(side.address().port());
+    let machine = World::new(2).machine();
+    let (side, arm) = robot(&machine, Version::V10);
+    let mut held = Held::new(&machine, side.address().port());
     held.until("the motion", Held::moves);
     arm.lock().expect("an arm").external[4] = 200.0;
     held.until("the reflex", |h| h.state.status == DriveStatus::Failed);
@@ -165,8 +193,9 @@ fn a_reflex_is_a_named_fault_and_the_robot_recovers() {
 // be moved again once it is released.
 #[test]
 fn the_user_stop_is_an_emergency_stop() {
-    let (side, _arm) = robot(Version::V5);
-    let mut held = Held::new(side.address().port());
+    let machine = World::new(3).machine();
+    let (side, _arm) = robot(&machine, Version::V5);
+    let mut held = Held::new(&machine, side.address().port());
     held.until("the motion", Held::moves);
     side.controls().user_stop.store(true, Ordering::Relaxed);
     held.until("the stop", |h| h.state.status == DriveStatus::EmergencyStop);
@@ -182,9 +211,10 @@ fn the_user_stop_is_an_emergency_stop() {
 // Fails if a restarted robot ends the drive for good, or the drive repeats an old state as a new one meanwhile.
 #[test]
 fn a_restarted_robot_is_found_again() {
-    let (side, _arm) = robot(Version::V10);
+    let machine = World::new(4).machine();
+    let (side, _arm) = robot(&machine, Version::V10);
     let address = side.address();
-    let mut held = Held::new(address.port());
+    let mut held = Held::new(&machine, address.port());
     held.until("the motion", Held::moves);
     side.shut_down();
     let last = held.state.tick;
@@ -196,7 +226,7 @@ fn a_restarted_robot_is_found_again() {
     );
     let config = RobotConfig {
         address,
-        ..RobotConfig::for_tests(Version::V10)
+        ..settings(&machine, Version::V10)
     };
     let side = RobotSide::start(config, Box::new(JointArm::new(READY))).expect("the same port");
     held.until("the next motion", Held::moves);
@@ -205,16 +235,16 @@ fn a_restarted_robot_is_found_again() {
     assert_eq!(side.statistics().commands_after_stop, 0);
 }
 
-// Fails if the loop of the real-time thread allocates memory.
+// Fails if the loop of the real-time thread allocates memory. On real sockets: a simulated network allocates.
 #[test]
-#[ignore = "timed: the gate runs it"]
-fn timed_the_loop_allocates_nothing() {
-    let (side, _arm) = robot(Version::V10);
-    let mut held = Held::new(side.address().port());
+fn the_loop_allocates_nothing() {
+    let machine = this_machine();
+    let (side, _arm) = robot_with(RobotConfig::for_tests(Version::V10));
+    let mut held = Held::new(&machine, side.address().port());
     held.until("the motion", Held::moves);
     let at = held.state.q.clone();
     let allocated = allocation_counter::measure(|| {
-        for _ in 0..5000 {
+        for _ in 0..500 {
             let mut tau = Joints::new();
             for j in 0..7 {
                 let law = 60.0 * (at[j] - held.state.q[j]) - 6.0 * held.state.dq[j];
@@ -232,14 +262,15 @@ fn timed_the_loop_allocates_nothing() {
         }
     });
     assert_eq!(held.state.status, DriveStatus::Ready);
-    assert_eq!(allocated.count_total, 0, "allocations in 5000 cycles");
+    assert_eq!(allocated.count_total, 0, "allocations in 500 cycles");
 }
 
 // Fails if a torque waits for the next exchange, is sent twice, or is lost.
 #[test]
 fn a_torque_leaves_as_soon_as_it_is_computed() {
-    let (side, _arm) = robot(Version::V10);
-    let mut held = Held::new(side.address().port());
+    let machine = World::new(6).machine();
+    let (side, _arm) = robot(&machine, Version::V10);
+    let mut held = Held::new(&machine, side.address().port());
     held.until("the motion", Held::moves);
     let monitor = held.drive.monitor().expect("a monitor");
     for _ in 0..300 {
@@ -247,11 +278,9 @@ fn a_torque_leaves_as_soon_as_it_is_computed() {
         assert!(command.enable, "{:?}", held.events);
         let before = side.statistics().commands;
         held.drive.answer(&command).expect("the link lives");
-        let begun = Instant::now();
-        // The robot waits for it: nobody asks for the next state yet.
-        while side.statistics().commands == before {
-            assert!(begun.elapsed() < PATIENCE, "no torque came: {:?}", side.statistics());
-        }
+        // Nobody asks for the next state yet.
+        machine.sleep(Duration::from_millis(1));
+        assert_eq!(side.statistics().commands, before + 1);
         held.drive
             .exchange(Some(&command), &mut held.state)
             .expect("the link lives");
@@ -265,13 +294,14 @@ fn a_torque_leaves_as_soon_as_it_is_computed() {
 // be used.
 #[test]
 fn the_robots_own_model_states_the_limits() {
+    let machine = World::new(7).machine();
     let start = |model: &str| {
         let config = RobotConfig {
             model: Some(model.to_owned()),
-            ..RobotConfig::for_tests(Version::V10)
+            ..settings(&machine, Version::V10)
         };
         let side = RobotSide::start(config, Box::new(JointArm::new(READY))).expect("a robot side");
-        let drive = FrankaDrive::connect(options(side.address().port())).expect("a robot");
+        let drive = FrankaDrive::connect(options(&machine, side.address().port())).expect("a robot");
         let event = drive.monitor().expect("a monitor").next_event();
         (drive.hello().limits.clone(), event)
     };
@@ -322,14 +352,14 @@ fn planned_motions_are_slower_than_the_fr3_permits_near_its_stops() {
 
 // Fails if a reflex that the robot cannot clear by itself is not told within seconds, or the drive goes on asking.
 #[test]
-#[ignore = "timed: the gate runs it"]
-fn timed_a_joint_beyond_its_limit_needs_a_person() {
-    let (side, _arm) = robot(Version::V5);
-    let mut held = Held::new(side.address().port());
+fn a_joint_beyond_its_limit_needs_a_person() {
+    let machine = World::new(9).machine();
+    let (side, _arm) = robot(&machine, Version::V5);
+    let mut held = Held::new(&machine, side.address().port());
     held.until("the motion", Held::moves);
-    let begun = Instant::now();
+    let begun = machine.now();
     while held.state.status != DriveStatus::Failed {
-        assert!(begun.elapsed() < PATIENCE, "{:?} {:?}", held.state, held.events);
+        assert!(held.waited(begun) < PATIENCE, "{:?} {:?}", held.state, held.events);
         // Joint 4 of the Panda turns to its upper stop, with 1 rad/s.
         if let Some(at) = &mut held.at {
             at[3] += 1e-3;
@@ -354,11 +384,12 @@ fn timed_a_joint_beyond_its_limit_needs_a_person() {
 // cannot be planned: the program would never end.
 #[test]
 fn a_controller_that_was_told_nothing_ends_with_its_run() {
-    let (side, _arm) = robot(Version::V10);
+    let machine = this_machine();
+    let (side, _arm) = robot_with(RobotConfig::for_tests(Version::V10));
     let port = side.address().port();
     let (done, ended) = std::sync::mpsc::channel();
     std::thread::spawn(move || {
-        let drive = FrankaDrive::connect(options(port)).expect("a robot");
+        let drive = FrankaDrive::connect(options(&machine, port)).expect("a robot");
         drop(Threaded::start(Box::new(drive), 7).expect("a controller"));
         done.send(()).expect("somebody waits");
     });

@@ -1,9 +1,12 @@
 //! The drive over KUKA's Fast Robot Interface against the simulated cabinet.
 
-use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
+use std::net::{Ipv4Addr, SocketAddr};
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
+use spherecal_cyclic::testing::World;
+use spherecal_cyclic::{Machine, this_machine};
 use spherecal_fri::client::{ClientConfig, EndCause, TorqueLimits};
 use spherecal_fri::robot::{ArmCommand, ArmHardware, ArmState, CabinetConfig, CabinetSide, JointArm, START, Tolerance};
 use spherecal_fri::wire::SafetyState;
@@ -55,14 +58,19 @@ impl ArmHardware for Iiwa {
     }
 }
 
-/// A cabinet for a client at a free port, and that port.
-fn cabinet(sign: f64, share: f64) -> (CabinetSide, SocketAddr) {
-    let probe = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
-    let client = probe.local_addr().expect("an address");
+/// A cabinet for a client at a free port, and that port. It does not wait, as a real one does not.
+fn cabinet(machine: &Arc<dyn Machine>, sign: f64, share: f64) -> (CabinetSide, SocketAddr) {
+    cabinet_with(machine, sign, share, Tolerance::strict())
+}
+
+fn cabinet_with(machine: &Arc<dyn Machine>, sign: f64, share: f64, tolerance: Tolerance) -> (CabinetSide, SocketAddr) {
+    let probe = machine.datagrams((Ipv4Addr::LOCALHOST, 0).into()).expect("a free port");
+    let client = probe.address().expect("an address");
     drop(probe);
     let config = CabinetConfig {
+        machine: Arc::clone(machine),
         client,
-        tolerance: Tolerance::tolerant(),
+        tolerance,
         measured_sign: sign,
         ..CabinetConfig::new()
     };
@@ -72,8 +80,9 @@ fn cabinet(sign: f64, share: f64) -> (CabinetSide, SocketAddr) {
     )
 }
 
-fn listen(address: SocketAddr) -> Result<KukaDrive, LinkError> {
+fn listen(machine: &Arc<dyn Machine>, address: SocketAddr) -> Result<KukaDrive, LinkError> {
     let config = ClientConfig {
+        machine: Arc::clone(machine),
         address,
         timeout: Duration::from_millis(500),
         ..ClientConfig::new(TorqueLimits::IIWA_7)
@@ -92,15 +101,16 @@ fn listen(address: SocketAddr) -> Result<KukaDrive, LinkError> {
 
 /// Exchanges with a law that holds the arm, until `done`.
 fn run(
+    machine: &Arc<dyn Machine>,
     drive: &mut KukaDrive,
     state: &mut DriveState,
     events: &mut Vec<DriveEvent>,
     done: impl Fn(&DriveState, &[DriveEvent]) -> bool,
 ) {
-    let begun = Instant::now();
+    let begun = machine.now();
     let at = state.q.clone();
     while !done(state, events) {
-        assert!(begun.elapsed() < PATIENCE, "{state:?} {events:?}");
+        assert!(machine.now() < begun + PATIENCE, "{state:?} {events:?}");
         let enable = state.status == DriveStatus::Ready;
         let law = |j: usize| 60.0 * (at[j] - state.q[j]) - 6.0 * state.dq[j];
         let tau: Joints = (0..7).map(|j| if enable { law(j) } else { 0.0 }).collect();
@@ -119,19 +129,20 @@ fn run(
 }
 
 // Fails if the sign of the torques is guessed or wrong, the motion does not start, ticks are lost while it runs, or the
-// loop allocates memory.
+// loop allocates memory. On a real socket: a simulated network allocates.
 #[test]
 fn the_sign_is_found_and_the_arm_is_held() {
+    let machine = this_machine();
     for (sign, found) in [(1.0, TorqueSign::OfActuator), (-1.0, TorqueSign::OfLink)] {
-        let (side, client) = cabinet(sign, 1.0);
-        let mut drive = listen(client).expect("a cabinet");
+        let (side, client) = cabinet_with(&machine, sign, 1.0, Tolerance::tolerant());
+        let mut drive = listen(&machine, client).expect("a cabinet");
         assert_eq!(drive.hello().torque_sign, found);
         assert!(drive.hello().compensates_gravity && !drive.hello().lock_step);
         assert_eq!((drive.hello().motor_kg_m2[6], drive.hello().latency_us), (0.25, 1500));
         let (mut state, mut events) = (DriveState::default(), Vec::new());
         drive.exchange(None, &mut state).expect("a state");
         side.controls().command.store(true, Ordering::Relaxed);
-        run(&mut drive, &mut state, &mut events, |_, events| {
+        run(&machine, &mut drive, &mut state, &mut events, |_, events| {
             events.contains(&DriveEvent::Started)
         });
         let start = state.q.clone();
@@ -164,16 +175,17 @@ fn the_sign_is_found_and_the_arm_is_held() {
 // Fails if a safety stop is no emergency stop with KUKA's own level, or a torque leaves after it.
 #[test]
 fn a_safety_stop_is_an_emergency_stop() {
-    let (side, client) = cabinet(1.0, 1.0);
-    let mut drive = listen(client).expect("a cabinet");
+    let machine = World::new(2).machine();
+    let (side, client) = cabinet(&machine, 1.0, 1.0);
+    let mut drive = listen(&machine, client).expect("a cabinet");
     let (mut state, mut events) = (DriveState::default(), Vec::new());
     drive.exchange(None, &mut state).expect("a state");
     side.controls().command.store(true, Ordering::Relaxed);
-    run(&mut drive, &mut state, &mut events, |_, events| {
+    run(&machine, &mut drive, &mut state, &mut events, |_, events| {
         events.contains(&DriveEvent::Started)
     });
     side.controls().safety.store(2, Ordering::Relaxed);
-    run(&mut drive, &mut state, &mut events, |state, _| {
+    run(&machine, &mut drive, &mut state, &mut events, |state, _| {
         state.status == DriveStatus::EmergencyStop
     });
     let stopped = events.iter().any(|event| {
@@ -187,8 +199,9 @@ fn a_safety_stop_is_an_emergency_stop() {
 // Fails if the sign is guessed where the sensors show no gravity: a wrong one would make the torque loop unstable.
 #[test]
 fn a_sign_that_cannot_be_told_is_refused() {
-    let (_side, client) = cabinet(1.0, 0.0);
-    let Err(error) = listen(client) else {
+    let machine = World::new(3).machine();
+    let (_side, client) = cabinet(&machine, 1.0, 0.0);
+    let Err(error) = listen(&machine, client) else {
         panic!("a sign was guessed")
     };
     assert!(error.to_string().contains("stretched forwards"), "{error}");
@@ -197,16 +210,17 @@ fn a_sign_that_cannot_be_told_is_refused() {
 // Fails if an overlay waits for the next exchange, is sent twice, or the first message of the motion is lost.
 #[test]
 fn an_overlay_leaves_as_soon_as_it_is_computed() {
-    let (side, client) = cabinet(1.0, 1.0);
-    let mut drive = listen(client).expect("a cabinet");
+    let machine = World::new(4).machine();
+    let (side, client) = cabinet(&machine, 1.0, 1.0);
+    let mut drive = listen(&machine, client).expect("a cabinet");
     let (mut state, mut events) = (DriveState::default(), Vec::new());
     drive.exchange(None, &mut state).expect("a state");
     side.controls().command.store(true, Ordering::Relaxed);
     let (at, monitor) = (state.q.clone(), drive.monitor().expect("a monitor"));
-    let begun = Instant::now();
+    let begun = machine.now();
     let (mut started, mut tick) = (0, None);
     while started < 300 {
-        assert!(begun.elapsed() < PATIENCE, "{state:?} {events:?}");
+        assert!(machine.now() < begun + PATIENCE, "{state:?} {events:?}");
         let enable = state.status == DriveStatus::Ready;
         let law = |j: usize| 60.0 * (at[j] - state.q[j]) - 6.0 * state.dq[j];
         let command = DriveCommand {
@@ -218,10 +232,9 @@ fn an_overlay_leaves_as_soon_as_it_is_computed() {
         let (cycles, answered) = (monitor.record().cycles, side.statistics().answered);
         drive.answer(&command).expect("the link lives");
         if started > 0 {
-            // The cabinet waits for it: nobody asks for the next message yet.
-            while side.statistics().answered == answered {
-                assert!(begun.elapsed() < PATIENCE, "no overlay came: {:?}", side.statistics());
-            }
+            // Nobody asks for the next message yet.
+            machine.sleep(Duration::from_millis(1));
+            assert_eq!(side.statistics().answered, answered + 1);
         }
         drive.exchange(Some(&command), &mut state).expect("the link lives");
         assert!(monitor.record().cycles >= cycles);

@@ -12,10 +12,12 @@ mod state;
 
 use super::arm::{ArmCommand, ArmState};
 use super::config::RobotConfig;
+use super::generator::Desired;
+use super::kinematics::product;
 use super::limits::{ArmLimits, DEFAULT_THRESHOLDS};
 use crate::wire::{
-    CollisionBehavior, CommandKind, ErrorFlag, ErrorSet, FlangeLoad, MoveRequest, Request, RobotCommand, RobotMode,
-    RobotState, Status, Version,
+    CollisionBehavior, CommandKind, ErrorFlag, ErrorSet, FlangeLoad, MoveControllerMode, MoveGeneratorMode,
+    MoveRequest, Request, RobotCommand, RobotMode, RobotState, Status, Version,
 };
 use crate::{JOINTS, PERIOD_S};
 
@@ -47,6 +49,7 @@ struct RunningMotion {
     periods: u32,
     missing_in_row: u32,
     answered: [bool; WINDOW],
+    desired: Desired,
 }
 
 impl RunningMotion {
@@ -185,9 +188,10 @@ impl RobotSupervisor {
         if self.mode != RobotMode::Idle {
             return Status::NotPossible;
         }
-        // Only torque motions are simulated.
         let torque = MoveRequest::torque(self.config.version);
-        if (request.controller, request.generator) != (torque.controller, torque.generator) {
+        // Only a torque motion needs no generator, and only from version 7 on.
+        let without = request.generator == MoveGeneratorMode::None;
+        if without && (request.controller, request.generator) != (torque.controller, torque.generator) {
             return Status::InvalidArgument;
         }
         self.mode = RobotMode::Move;
@@ -200,6 +204,7 @@ impl RobotSupervisor {
             periods: 0,
             missing_in_row: 0,
             answered: [false; WINDOW],
+            desired: Desired::at_rest(self.arm.q),
         });
         Status::MotionStarted
     }
@@ -302,7 +307,12 @@ impl RobotSupervisor {
         }
         self.advance(answer);
         match self.mode {
-            RobotMode::Move => ArmCommand::Torque(self.torque),
+            RobotMode::Move => match &self.motion {
+                Some(motion) if motion.request.controller != MoveControllerMode::External => {
+                    ArmCommand::Follow(motion.desired.q, motion.desired.dq)
+                }
+                _ => ArmCommand::Torque(self.torque),
+            },
             RobotMode::Guiding => ArmCommand::Guide,
             RobotMode::UserStopped | RobotMode::Other => ArmCommand::Brake,
             _ => ArmCommand::Hold,
@@ -319,12 +329,13 @@ impl RobotSupervisor {
             }
             return;
         }
-        motion.begun = true;
+        let first = !std::mem::replace(&mut motion.begun, true);
         motion.answered[motion.periods as usize % WINDOW] = answer.is_some();
         motion.periods = motion.periods.saturating_add(1);
         let Some(command) = answer else {
-            // The last torque is repeated.
+            // The last torque is repeated, the last velocity stays.
             motion.missing_in_row += 1;
+            motion.desired = motion.desired.extrapolated();
             let covered = motion.periods as usize >= WINDOW;
             if motion.missing_in_row >= tolerance.missing_in_row
                 || (covered && motion.success_rate() < tolerance.success_rate)
@@ -334,7 +345,16 @@ impl RobotSupervisor {
             return;
         };
         motion.missing_in_row = 0;
-        for joint in 0..JOINTS {
+        let ee = product(&RobotState::default().F_T_NE, &self.ee_in_ne);
+        let (generator, external) = (
+            motion.request.generator,
+            motion.request.controller == MoveControllerMode::External,
+        );
+        match motion.desired.next(generator, command, &ee, self.limits, first) {
+            Ok(desired) => motion.desired = desired,
+            Err(error) => return self.reflex(error),
+        }
+        for joint in (0..JOINTS).filter(|_| external) {
             let step = (command.tau_J_d[joint] - self.torque[joint]).abs();
             if step > TORQUE_RATE * PERIOD_S + ROUNDING {
                 self.reflex(ErrorFlag::ControllerTorqueDiscontinuity);

@@ -1,8 +1,9 @@
 //! What the robot's state shows.
 
+use super::super::generator::Desired;
 use super::super::kinematics::{flange, product};
 use super::{RobotSupervisor, RunningMotion};
-use crate::wire::{ControllerMode, MotionGeneratorMode, RobotState};
+use crate::wire::{ControllerMode, MotionGeneratorMode, MoveControllerMode, RobotState};
 use crate::{JOINTS, PERIOD_S};
 
 /// What the base's acceleration sensor shows of a robot that stands upright, m/s^2.
@@ -22,19 +23,28 @@ impl RobotSupervisor {
         state.F_T_EE = product(&state.F_T_NE, &state.NE_T_EE);
         state.EE_T_K = self.k_in_ee;
         state.O_T_EE = product(&flange(&arm.q), &state.F_T_EE);
-        state.O_T_EE_d = state.O_T_EE;
+        // A robot that follows torques, or rests, wants nothing else than what it measures.
+        let own = self
+            .motion
+            .as_ref()
+            .filter(|m| m.request.controller != MoveControllerMode::External);
+        let desired = own.map_or_else(|| Desired::at_rest(arm.q), |motion| motion.desired);
+        state.O_T_EE_d = product(&flange(&desired.q), &state.F_T_EE);
+        state.O_T_EE_c = state.O_T_EE_d;
         state.m_ee = self.config.end_effector_mass;
         state.m_load = self.load.mass;
         state.F_x_Cload = self.load.centre_of_mass;
         state.I_load = self.load.inertia;
         state.elbow = [arm.q[2], if arm.q[3] < 0.0 { -1.0 } else { 1.0 }];
-        state.elbow_d = state.elbow;
+        state.elbow_d = [desired.q[2], if desired.q[3] < 0.0 { -1.0 } else { 1.0 }];
+        state.elbow_c = state.elbow_d;
         for joint in 0..JOINTS {
             state.dtau_J[joint] = (arm.tau[joint] - state.tau_J[joint]) / PERIOD_S;
         }
         state.tau_J = arm.tau;
         state.tau_J_d = self.torque;
-        (state.q, state.q_d, state.theta) = (arm.q, arm.q, arm.q);
+        (state.q, state.q_d, state.theta) = (arm.q, desired.q, arm.q);
+        (state.dq_d, state.ddq_d) = (desired.dq, desired.ddq);
         (state.dq, state.dtheta) = (arm.dq, arm.dq);
         state.tau_ext_hat_filtered = arm.tau_external;
         state.O_F_ext_hat_K = arm.wrench_external;

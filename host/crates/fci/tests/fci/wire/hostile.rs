@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use spherecal_fci::wire::*;
 
-use super::{TAIL_F32, TAIL_F64};
+use super::tail;
 
 // Fails if a NaN or an infinity of a field that control reads passes, or if one of an unused field is refused.
 #[test]
@@ -58,7 +58,8 @@ fn non_finite_numbers_are_refused_where_control_reads_them() {
 // Fails if a state with an unknown mode is taken for a known one.
 #[test]
 fn unknown_modes_are_refused() {
-    for (version, tail) in [(Version::V5, TAIL_F64), (Version::V10, TAIL_F32)] {
+    for version in Version::ALL {
+        let tail = tail(version);
         for (at, field, value) in [
             (tail[0], "motion_generator_mode", 6),
             (tail[1], "controller_mode", 4),
@@ -116,7 +117,7 @@ proptest! {
         mut data in prop::collection::vec(any::<u8>(), MAX_STATE_SIZE),
         modes in any::<[u8; 3]>(),
     ) {
-        let tail = if version == Version::V10 { TAIL_F32 } else { TAIL_F64 };
+        let tail = tail(version);
         data[tail[0]] = modes[0] % 8;
         data[tail[1]] = modes[1] % 5;
         data[tail[4]] = modes[2] % 8;

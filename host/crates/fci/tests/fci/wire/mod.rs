@@ -8,8 +8,13 @@ mod requests;
 use spherecal_fci::wire::*;
 
 /// First byte of: motion generator mode, controller mode, errors, reflex reason, robot mode, success rate.
-const TAIL_F64: [usize; 6] = [2280, 2281, 2282, 2323, 2364, 2365];
-const TAIL_F32: [usize; 6] = [1288, 1289, 1290, 1331, 1372, 1373];
+fn tail(version: Version) -> [usize; 6] {
+    match version {
+        Version::V4 => [2256, 2257, 2258, 2295, 2332, 2333],
+        Version::V10 => [1288, 1289, 1290, 1331, 1372, 1373],
+        _ => [2280, 2281, 2282, 2323, 2364, 2365],
+    }
+}
 
 fn number_at(bytes: &[u8], version: Version, offset: usize) -> f64 {
     if version == Version::V10 {

@@ -13,7 +13,7 @@ fn requests_have_the_documented_numbers_and_sizes() {
         centre_of_mass: [0.1, 0.2, 0.3],
         inertia: [0.0; 9],
     };
-    // Request; number in the versions 5, 7, 8, 10; size of the message, header included (version 10 apart).
+    // Request; number in the versions 4 and 5, 6 and 7, 8 and 9, 10; size of the message, header included (version 10 apart).
     let none = u32::MAX;
     let table = [
         (
@@ -54,10 +54,13 @@ fn requests_have_the_documented_numbers_and_sizes() {
         (Request::GetRobotModel, [none, none, 12, 11], 12),
     ];
     for (request, numbers, size) in table {
-        for (version, number) in [Version::V5, Version::V7, Version::V8, Version::V10]
-            .into_iter()
-            .zip(numbers)
-        {
+        for version in Version::ALL {
+            let number = match version {
+                Version::V4 | Version::V5 => numbers[0],
+                Version::V6 | Version::V7 => numbers[1],
+                Version::V8 | Version::V9 => numbers[2],
+                Version::V10 => numbers[3],
+            };
             let mut bytes = vec![0xEE];
             let encoded = request.encode(version, 0xABCD_EF01, &mut bytes);
             if number == none {

@@ -1,24 +1,39 @@
-//! A minute of the controller's thread in the middle of a job: what it allocates, and what it measures of itself.
+//! Jobs in real time: what the controller's thread allocates in a minute and measures of itself, and a slow disk.
 
-use std::sync::Arc;
+use std::net::UdpSocket;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
 
 use spherecal::job::{self, Config, Link};
 use spherecal::link::native::enter_real_time;
 use spherecal::link::tcp::controller_server::HostService;
 use spherecal::link::tcp::listen;
 use spherecal::link::{Device as _, LocalDevice, controller_in_process};
-use spherecal_fci::wire::Version;
+use spherecal::simulated;
+use spherecal_cyclic::testing::LOCAL;
+use spherecal_fci::robot::{RobotConfig, RobotSide};
+use spherecal_fci::wire::{RobotMode, Version};
+use spherecal_fri::robot::{CabinetConfig, CabinetSide, Tolerance};
+use spherecal_fri::wire::SessionState;
+use spherecal_shared::protocol::host::Phase;
 
 use super::job::{Job, short};
-use super::robots::{Franka, Kuka, LONG, Robot};
 
 /// Control periods of a minute.
 const MINUTE: u32 = 60_000;
 
+/// A Panda on this machine that waits for late answers, and how the host reaches it.
+fn panda(config: &Config) -> (RobotSide, Link) {
+    let arm = simulated::robot(config, (0.0, 0.0)).expect("an arm");
+    let robot = RobotSide::start(RobotConfig::for_tests(Version::V5), Box::new(arm)).expect("a robot");
+    let (host, port) = (robot.address().ip().to_string(), robot.address().port());
+    (robot, Link::Franka { host, port })
+}
+
 /// Runs a job of `config` with its controller in this thread. From the first motion on, a minute must allocate nothing.
-fn minute(config: &Config, robot: &Arc<dyn Robot>) {
+fn minute(config: &Config, link: &Link, is_moving: impl Fn() -> bool) {
     let model = job::loaded_model(config).expect("a robot");
-    let drive = job::native::drive(&model, config, &robot.link()).expect("a drive");
+    let drive = job::native::drive(&model, config, link).expect("a drive");
     let joints = drive.hello().limits.len();
     let controller = controller_in_process(joints).expect("a controller");
     let mut cell = LocalDevice::new(controller, drive, joints).expect("a drive that fits");
@@ -29,7 +44,7 @@ fn minute(config: &Config, robot: &Arc<dyn Robot>) {
     let monitor = cell.monitor().expect("a monitor");
     enter_real_time(&monitor);
     let mut service = HostService::new(&listener).expect("a service");
-    while !robot.is_moving() {
+    while !is_moving() {
         assert!(!service.turn(&mut cell).expect("a period"), "the host left");
     }
     let mut left = 0;
@@ -77,8 +92,8 @@ fn long(robot: &str) -> Config {
 #[ignore = "long: 70 s of real time"]
 fn long_a_minute_over_the_franka_control_interface_allocates_nothing() {
     let config = long("panda");
-    let robot: Arc<dyn Robot> = Franka::start(&config, Version::V5, LONG);
-    minute(&config, &robot);
+    let (robot, link) = panda(&config);
+    minute(&config, &link, || robot.statistics().mode == Some(RobotMode::Move));
 }
 
 // Fails if it does over KUKA's interface.
@@ -86,6 +101,41 @@ fn long_a_minute_over_the_franka_control_interface_allocates_nothing() {
 #[ignore = "long: 70 s of real time"]
 fn long_a_minute_over_the_fast_robot_interface_allocates_nothing() {
     let config = long("iiwa7");
-    let robot: Arc<dyn Robot> = Kuka::start(&config, LONG);
-    minute(&config, &robot);
+    let arm = simulated::robot(&config, (0.0, 0.0)).expect("an arm");
+    let probe = UdpSocket::bind(LOCAL).expect("a free port");
+    let client = probe.local_addr().expect("an address");
+    drop(probe);
+    let settings = CabinetConfig {
+        client,
+        tolerance: Tolerance::tolerant(),
+        ..CabinetConfig::new()
+    };
+    let cabinet = CabinetSide::start(settings, Box::new(arm)).expect("a cabinet");
+    // The application wants its motion from the start on.
+    cabinet.controls().command.store(true, Ordering::Relaxed);
+    minute(&config, &Link::Fri(client), || {
+        cabinet.statistics().session == Some(SessionState::CommandingActive)
+    });
+}
+
+// Fails if a disk that takes 6 s to store an event lets the controller think that its host is gone: it stopped the arm after
+// 2 s, and the run ended when that came again. A coupling, a turn and a recording meet such a disk.
+#[test]
+#[ignore = "long: 1 minute of real time"]
+fn long_a_slow_disk_stops_no_arm() {
+    let config = short("panda", 4);
+    let (_robot, link) = panda(&config);
+    let job = Job::over(&config, link);
+    let mut lock = simulated::file_lock(job.database());
+    let mut slow = vec![Phase::Recording, Phase::Turning, Phase::Coupling];
+    let session = job.measure(false, &mut |now| {
+        if slow.last() == Some(&now.phase) {
+            slow.pop();
+            eprintln!("  {:?}: the disk is slow", now.phase);
+            lock(Duration::from_secs(6)).expect("a lock");
+        }
+    });
+    session.well();
+    job.finished(&[&session], &[]);
+    assert!(slow.is_empty(), "{slow:?}");
 }

@@ -1,0 +1,210 @@
+//! Ports and connections of a [`World`].
+
+use std::cell::Cell;
+use std::collections::VecDeque;
+use std::io::{Error, ErrorKind, Read, Result, Write};
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use super::world::{State, World, local};
+use crate::machine::{Datagrams, Listener, Stream};
+
+/// A port for datagrams.
+#[derive(Debug)]
+pub(super) struct Port {
+    world: World,
+    at: SocketAddr,
+    wait: Cell<Option<Duration>>,
+}
+
+impl Port {
+    pub(super) fn new(world: World, at: SocketAddr) -> Self {
+        let wait = Cell::new(None);
+        Self { world, at, wait }
+    }
+}
+
+impl Datagrams for Port {
+    fn address(&self) -> Result<SocketAddr> {
+        Ok(self.at)
+    }
+
+    fn send(&self, bytes: &[u8], to: SocketAddr) -> Result<()> {
+        self.world.send(self.at.port(), to.port(), bytes);
+        Ok(())
+    }
+
+    fn set_wait(&self, wait: Option<Duration>) -> Result<()> {
+        self.wait.set(wait);
+        Ok(())
+    }
+
+    fn receive(&self, buffer: &mut [u8]) -> Result<(usize, SocketAddr)> {
+        let port = self.at.port();
+        // Without a wait, what is due now still comes.
+        let wait = self.wait.get().unwrap_or_default();
+        let ready = |state: &State| state.inboxes.get(&port).is_some_and(|inbox| !inbox.is_empty());
+        self.world.wait(wait, ready);
+        let mut state = self.world.state();
+        let come = state.inboxes.get_mut(&port).and_then(VecDeque::pop_front);
+        let (from, bytes) = come.ok_or(ErrorKind::WouldBlock)?;
+        let size = bytes.len().min(buffer.len());
+        buffer[..size].copy_from_slice(&bytes[..size]);
+        Ok((size, local(from)))
+    }
+
+    fn busy_poll(&self, _us: u32) -> Result<()> {
+        Err(ErrorKind::Unsupported.into())
+    }
+}
+
+impl Drop for Port {
+    fn drop(&mut self) {
+        self.world.state().inboxes.remove(&self.at.port());
+    }
+}
+
+/// A port for connections.
+#[derive(Debug)]
+pub(super) struct VirtualListener {
+    world: World,
+    at: SocketAddr,
+}
+
+impl VirtualListener {
+    pub(super) fn new(world: World, at: SocketAddr) -> Self {
+        Self { world, at }
+    }
+}
+
+impl Listener for VirtualListener {
+    fn address(&self) -> Result<SocketAddr> {
+        Ok(self.at)
+    }
+
+    fn accept(&self) -> Result<(Box<dyn Stream>, SocketAddr)> {
+        let mut state = self.world.state();
+        let waiting = state.listeners.get_mut(&self.at.port()).and_then(VecDeque::pop_front);
+        let connection = waiting.ok_or(ErrorKind::WouldBlock)?;
+        drop(state);
+        let stream = VirtualStream::server(self.world.clone(), connection);
+        Ok((Box::new(stream), local(0)))
+    }
+}
+
+impl Drop for VirtualListener {
+    fn drop(&mut self) {
+        let mut state = self.world.state();
+        for connection in state.listeners.remove(&self.at.port()).unwrap_or_default() {
+            if let Some(connection) = state.connections.get_mut(&connection) {
+                connection.open = false;
+            }
+        }
+    }
+}
+
+/// What is on its way between two ends.
+#[derive(Debug)]
+pub(super) struct Connection {
+    /// For each end: the bytes that it has not read.
+    bytes: [VecDeque<u8>; 2],
+    pub(super) open: bool,
+}
+
+impl Default for Connection {
+    fn default() -> Self {
+        let bytes = Default::default();
+        Self { bytes, open: true }
+    }
+}
+
+/// One end of a connection.
+#[derive(Debug)]
+pub(super) struct VirtualStream {
+    world: World,
+    connection: u64,
+    end: usize,
+    wait: Cell<Option<Duration>>,
+}
+
+impl VirtualStream {
+    /// The end that has connected. Its reads wait.
+    pub(super) fn client(world: World, connection: u64) -> Self {
+        let wait = Cell::new(Some(Duration::MAX));
+        let end = 0;
+        Self {
+            world,
+            connection,
+            end,
+            wait,
+        }
+    }
+
+    fn server(world: World, connection: u64) -> Self {
+        let wait = Cell::new(None);
+        let end = 1;
+        Self {
+            world,
+            connection,
+            end,
+            wait,
+        }
+    }
+}
+
+impl Read for VirtualStream {
+    fn read(&mut self, buffer: &mut [u8]) -> Result<usize> {
+        let ready = |state: &State| {
+            let connection = &state.connections[&self.connection];
+            !self.world.is_out() && (!connection.open || !connection.bytes[self.end].is_empty())
+        };
+        self.world.wait(self.wait.get().unwrap_or_default(), ready);
+        let mut state = self.world.state();
+        if !ready(&state) {
+            return Err(ErrorKind::WouldBlock.into());
+        }
+        let Some(connection) = state.connections.get_mut(&self.connection) else {
+            return Ok(0);
+        };
+        connection.bytes[self.end].read(buffer)
+    }
+}
+
+impl Write for VirtualStream {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize> {
+        let mut state = self.world.state();
+        match state.connections.get_mut(&self.connection) {
+            Some(connection) if connection.open => connection.bytes[1 - self.end].write(bytes),
+            _ => Err(Error::from(ErrorKind::BrokenPipe)),
+        }
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        Ok(())
+    }
+}
+
+impl Stream for VirtualStream {
+    fn set_wait(&self, wait: Option<Duration>) -> Result<()> {
+        self.wait.set(wait);
+        Ok(())
+    }
+
+    fn is_closed(&self) -> bool {
+        let state = self.world.state();
+        let connection = &state.connections[&self.connection];
+        !self.world.is_out() && !connection.open && connection.bytes[self.end].is_empty()
+    }
+
+    fn close(&self) {
+        if let Some(connection) = self.world.state().connections.get_mut(&self.connection) {
+            connection.open = false;
+        }
+    }
+}
+
+impl Drop for VirtualStream {
+    fn drop(&mut self) {
+        self.close();
+    }
+}
