@@ -96,7 +96,7 @@ pub(crate) fn export(
             (None, None) => (Vec::new(), None),
         };
         let exported = spherecal::report::export::export(store.as_mut(), &info, &files, Format::Csv, &folder)?;
-        let torn = exported.torn_telemetry.into_iter().map(|torn| torn.path).collect();
+        let torn = exported.torn_telemetry.into_iter().map(|torn| torn.file).collect();
         Ok((exported.files, run, torn, remark))
     })
 }

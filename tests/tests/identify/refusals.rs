@@ -2,8 +2,7 @@
 
 use proptest::prelude::*;
 use spherecal::identify::{
-    DataError, Experiment, IdentifyError, Method, Model, Options, Override, Pose, Set, Split, Target,
-    holdout, identify,
+    DataError, Experiment, IdentifyError, Method, Model, Options, Override, Pose, Set, Split, Target, holdout, identify,
 };
 use spherecal_tests::worlds::World;
 

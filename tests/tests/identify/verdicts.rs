@@ -345,7 +345,13 @@ fn long_bad_seats_refuse_nothing_and_a_slip_is_in_the_statement() {
         "{} mm, {stated:?}",
         slipped.true_mm
     );
-    assert!(slipped.verdict.checks.iter().any(|c| CAUSES.contains(&c.name) && !c.passed));
+    assert!(
+        slipped
+            .verdict
+            .checks
+            .iter()
+            .any(|c| CAUSES.contains(&c.name) && !c.passed)
+    );
 }
 
 // Prints how the verdict fares on robots as hard as real ones: how many sound ones are refused, and how many

@@ -80,7 +80,7 @@ pub fn position_jacobian(robot: &Robot, tool: &Tool, q: &[Vec<f64>], columns: Co
         orders: 0,
         stiffness: false,
         hayati: hayati(robot),
-        references: vec![super::parameters::Reference::Tracker],
+        references: vec![super::targets::Reference::Tracker],
         spheres: Vec::new(),
         seats: Vec::new(),
         targets: 1,

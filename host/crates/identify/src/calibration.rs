@@ -9,9 +9,10 @@ use super::hierarchy::{self, Fit};
 use super::identifiability::Identifiability;
 use super::load::Nominal;
 use super::options::{Method, Model, Options};
-use super::parameters::{Kind, Layout, Override, Overrides, Reference, Unit};
+use super::parameters::{Kind, Layout, Override, Overrides, Unit};
 use super::residuals::{GroupFit, Residual, residuals};
 use super::target_fit::{OrientationFit, TargetFit, target_fits};
+use super::targets::Reference;
 use spherecal_model::{Experiment, Pose, Sphere};
 
 /// One parameter's row of the result.

@@ -23,8 +23,9 @@ use super::load::Nominal;
 use super::normal::{Whitening, accumulate, groups};
 use super::options::{Method, Model, Options, Pairs, Torque};
 use super::parameter_table::table;
-use super::parameters::{Kind, Layout, Parameter, Reference, Unit};
+use super::parameters::{Kind, Layout, Parameter, Unit};
 use super::solve::Unknowns;
+use super::targets::Reference;
 use spherecal_model::halton::halton;
 use spherecal_model::{Experiment, Observation, Pose, Set, Target};
 

@@ -97,7 +97,7 @@ pub use geometry_only::GeometryOnly;
 pub use holdout::{Holdout, LeftOutPart, Split, holdout, possible_splits};
 pub use identifiability::{Identifiability, Observability};
 pub use options::{Method, Model, Noise, Options, Pairs, Torque, UnknownName};
-pub use parameters::{Kind, Override, Overrides, Reference, Unit};
+pub use parameters::{Kind, Override, Overrides, Unit};
 pub use recordings::{CampaignRecord, Recordings, RowSource, TrackerRecordings, ValidationRows};
 pub use residuals::{GroupFit, Outlier, Residual, ResidualRow};
 pub use rows::DesignModel;
@@ -105,6 +105,7 @@ pub use spherecal_model::{DataError, Experiment, Observation, Pose, Set, Sphere,
 pub use spherecal_shared::robot::{Robot, Tool};
 pub use statement::{BudgetTerm, ErrorBudget, ExpectedError, ExpectedErrors, Source, Statement};
 pub use target_fit::{OrientationFit, TargetFit};
+pub use targets::Reference;
 pub use verdict::{Check, Verdict};
 pub use workspace::{WORKSPACE, workspace};
 

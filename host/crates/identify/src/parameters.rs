@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::Robot;
 
-use super::targets::reference_of;
+use super::targets::{Reference, reference_of};
 use spherecal_model::{Experiment, Target};
 
 /// Axes closer to parallel than this use Hayati's beta, in rad.
@@ -87,16 +87,6 @@ pub enum Kind {
     Scale,
     /// Where a sphere sat in some rows, seen from the TCP, in the flange frame: index, axis.
     Seat(usize, usize),
-}
-
-/// A frame of targets. Each has its own pose relative to the base.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Reference {
-    /// The measuring device of absolute data.
-    Tracker,
-    /// The plate in one of its placements.
-    Place(u32),
 }
 
 /// One row of the table.

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::chain::{N, Prepared};
 use super::hierarchy::Fit;
 use super::normal::Root;
-use super::parameters::Reference;
+use super::targets::Reference;
 
 /// Length of a whitened residual from which a row is an outlier: beyond what the tails of the noise explain.
 pub(crate) const OUTLIER_SIGMAS: f64 = 5.0;

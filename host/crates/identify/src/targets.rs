@@ -2,7 +2,18 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::{Reference, Sphere, Target};
+use serde::{Deserialize, Serialize};
+use spherecal_model::{Sphere, Target};
+
+/// A frame of targets. Each has its own pose relative to the base.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reference {
+    /// The measuring device of absolute data.
+    Tracker,
+    /// The plate in one of its placements.
+    Place(u32),
+}
 
 /// The frame that a target is given in.
 pub(crate) fn reference_of(target: &Target) -> Reference {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::parameters::Reference;
+use crate::targets::Reference;
 
 /// What was tested.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -6,7 +6,7 @@ use super::alternatives::Alternative;
 use super::payload::PAYLOAD_UNIT_KG;
 use super::size::Displaced;
 use crate::course::Course;
-use crate::parameters::Reference;
+use crate::targets::Reference;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 

@@ -1,6 +1,6 @@
 //! Why recordings could not be evaluated.
 
-use super::Estimator;
+use super::estimator::Estimator;
 use crate::IdentifyError;
 use crate::arcs::LaserError;
 use crate::validate::ValidateError;

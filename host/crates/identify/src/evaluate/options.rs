@@ -1,6 +1,6 @@
 //! What an evaluation is asked for, and how far it has come.
 
-use super::Estimator;
+use super::estimator::Estimator;
 use crate::Options;
 
 /// What an evaluation does besides identifying.

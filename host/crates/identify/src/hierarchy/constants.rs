@@ -1,7 +1,5 @@
 //! Every constant that decides what an identification finds: value, unit, source, and what moves if it is doubled.
 
-use super::sizes::Family;
-
 /// Factor by which the size of a group may differ from its ordinary size (1 sigma of the logarithm).
 ///
 /// * Lengths, twists, bending: makers differ by about 3 (KUKA machines to 0.2 mm, printed arms to 1 mm).
@@ -15,44 +13,39 @@ use super::sizes::Family;
 /// * Seats: kinematic couplings repeat to 0.1 to 3 um, printed sockets that are set by hand to 50 um, 10.
 ///
 /// Doubled, a group follows few data further; only that of the eccentricity changes predictions by more than 5 %.
-const FACTORS: [(fn(Family) -> bool, f64); 5] = [
-    (|g| matches!(g, Family::Lengths | Family::Twists | Family::Bending), 3.0),
-    (|g| matches!(g, Family::Offsets | Family::Tool | Family::Scale), 10.0),
-    (|g| matches!(g, Family::Compliance), 5.0),
-    (|g| matches!(g, Family::Eccentricity(_) | Family::Ripple(_)), 1.5),
-    (|g| matches!(g, Family::Seats), 10.0),
-];
+pub(crate) const FACTORS: Factors = Factors {
+    made: 3.0,
+    wide: 10.0,
+    compliance: 5.0,
+    rotary: 1.5,
+};
+
+/// See [`FACTORS`].
+pub(crate) struct Factors {
+    /// Lengths, twists and bending.
+    pub(crate) made: f64,
+    /// Offsets, tool, scale and seats.
+    pub(crate) wide: f64,
+    /// Compliance.
+    pub(crate) compliance: f64,
+    /// Eccentricity and ripple.
+    pub(crate) rotary: f64,
+}
 
 /// Orders of the eccentricity: beyond, what a gear does is ripple. Doubled, nothing moves.
 pub(crate) const ECCENTRIC_ORDERS: usize = 4;
 /// Ordinary eccentricity of order 1 and ripple of every order (rad). Encoders are centred to some hundredths of a
 /// millimetre on discs of some centimetres; strain wave gears ripple by some seconds of arc (a real UR10: 50 µrad).
 /// Doubled, nothing moves: many orders find their size.
-const HARMONICS: (f64, f64) = (1e-4, 2e-5);
+pub(crate) const HARMONICS: (f64, f64) = (1e-4, 2e-5);
 
 /// Ordinary seat of a coupling about the others (m, each axis): kinematic couplings repeat to 0.1 to 3 µm. Doubled, nothing
 /// moves: couplings find their size.
-const SEAT_M: f64 = 3e-6;
+pub(crate) const SEAT_M: f64 = 3e-6;
 /// Degrees of freedom of the seats: few sit badly, and those far off. Doubled, a seat of 1 mm counts four times as much.
 pub(crate) const SEATS_NU: f64 = 3.0;
 /// Fewest rows of a coupling on average from which its seat is estimated. Doubled, a table of short visits has none.
 pub(crate) const ROWS_PER_SEAT: usize = 6;
-
-/// Ordinary size of a group, where `table` is the prior of the table of parameters.
-pub(crate) fn ordinary_of(family: Family, table: f64) -> f64 {
-    match family {
-        Family::Eccentricity(_) => HARMONICS.0,
-        Family::Ripple(_) => HARMONICS.1,
-        Family::Seats => SEAT_M,
-        _ => table,
-    }
-}
-
-/// Standard deviation of the logarithm of a group's size.
-pub(crate) fn spread_of(group: Family) -> f64 {
-    let found = FACTORS.iter().find(|(of, _)| of(group));
-    found.map_or(3.0, |(_, factor)| *factor).ln()
-}
 
 /// Hyperprior of the joints' noise: median in rad (gear and encoder noise of data sheets) and factor.
 /// The factor is wide, since exact encoders and printed gears are both ordinary. Doubled, nothing moves.

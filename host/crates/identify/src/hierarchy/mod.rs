@@ -13,6 +13,7 @@
 pub(crate) mod constants;
 pub(crate) mod noise;
 pub(crate) mod sizes;
+mod start;
 
 use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
@@ -20,18 +21,18 @@ use rayon::prelude::*;
 use self::constants::{FIRST_ROUNDS, ROUNDS, SETTLED};
 use self::noise::{RowsNoise, Seen as SeenRows};
 use self::sizes::Sizes;
-use super::chain::{Prepared, State, trig};
+use self::start::{check_targets, start_state};
+pub(crate) use self::start::{measured, prepare, register};
+use super::chain::{Prepared, State};
 use super::error::IdentifyError;
 use super::identifiability::{Identifiability, analyse};
 use super::load::Nominal;
 use super::normal::{Group, Normal, Whitening, accumulate, distances, groups, log_determinant};
-use super::options::{Model, Options, Torque};
+use super::options::{Model, Options};
 use super::parameter_table::table;
-use super::parameters::{Kind, Layout, Parameter};
-use super::seen::{RowPart, Seen};
+use super::parameters::{Layout, Parameter};
 use super::solve::{Posterior, Unknowns};
-use super::targets::{reference_of, target_of};
-use spherecal_model::{Experiment, Pose, Set, Target, fit_pose};
+use spherecal_model::{Experiment, Set};
 
 /// Fewest observations: their three numbers each must exceed the six of the base.
 pub(crate) const FEWEST: usize = 3;
@@ -83,143 +84,6 @@ impl Fit {
         about_base(&mut covariance, &self.unknowns, &self.layout, &self.state);
         self.covariance = covariance;
     }
-}
-
-/// Whether the torques that bend the joints are those of the data, not of the inertial model.
-pub(crate) fn measured(experiment: &Experiment, nominal: &Nominal, torque: Torque) -> bool {
-    match torque {
-        Torque::Model => false,
-        Torque::Measured => true,
-        Torque::Auto => nominal.assumed() && experiment.observations.iter().all(|o| o.tau.is_some()),
-    }
-}
-
-/// Observations of one set, ready to use.
-pub(crate) fn prepare(
-    experiment: &Experiment,
-    layout: &Layout,
-    nominal: &Nominal,
-    torque: Torque,
-    wanted: impl Fn(usize) -> bool,
-) -> Result<Vec<Prepared>, IdentifyError> {
-    let measured = measured(experiment, nominal, torque);
-    let chosen: Vec<usize> = (0..experiment.observations.len()).filter(|i| wanted(*i)).collect();
-    for &index in &chosen {
-        let observation = &experiment.observations[index];
-        if measured && observation.tau.is_none() {
-            return Err(IdentifyError::NoTorque {
-                row: index + 1,
-                expected: layout.n,
-            });
-        }
-    }
-    let prepared = chosen.par_iter().map(|&index| {
-        let observation = &experiment.observations[index];
-        let mut q = [0.0; super::chain::N];
-        for (slot, angle) in q.iter_mut().zip(&observation.q) {
-            *slot = *angle;
-        }
-        let reference = reference_of(&observation.target);
-        let sphere = match &observation.target {
-            Target::Sphere { sphere, .. } => layout.spheres.binary_search(sphere).ok(),
-            _ => None,
-        };
-        let (lead, further) = parts(&observation.target);
-        Prepared {
-            index,
-            q,
-            trig: trig(&q),
-            load: nominal.load(&observation.q, observation.tau.as_deref().filter(|_| measured)),
-            lead,
-            target: target_of(&observation.target, &experiment.spheres),
-            further,
-            reference: layout.references.binary_search(&reference).unwrap_or_default(),
-            sphere,
-            seat: observation.seat.and_then(|seat| layout.seats.binary_search(&seat).ok()),
-        }
-    });
-    Ok(prepared.collect())
-}
-
-/// The number of the target that leads a row, and the other parts of the row.
-fn parts(target: &Target) -> (usize, Box<[Seen]>) {
-    match target {
-        Target::Points(points) => {
-            let mut seen = points
-                .iter()
-                .enumerate()
-                .filter_map(|(number, at)| Some((number, (*at)?)));
-            let lead = seen.next().map_or(0, |(number, _)| number);
-            let further = seen.map(|(number, at)| Seen::Target {
-                number,
-                at: Vector3::from(at),
-            });
-            (lead, further.collect())
-        }
-        Target::Frame(pose) => (0, Box::new([Seen::Body(pose.rotation)])),
-        Target::Point(_) | Target::Sphere { .. } => (0, Box::default()),
-    }
-}
-
-/// Every target is in enough rows to be placed on the tool.
-fn check_targets(layout: &Layout, prepared: &[Prepared]) -> Result<(), IdentifyError> {
-    if layout.targets == 1 && !layout.body {
-        return Ok(());
-    }
-    let count = |part: RowPart| prepared.iter().filter(|p| p.parts().any(|own| own == part)).count();
-    let targets = (0..layout.targets).map(|number| (RowPart::Target(number), format!("target {}", number + 1)));
-    let body = layout.body.then(|| (RowPart::Body, "the orientation".to_owned()));
-    for (part, what) in targets.chain(body) {
-        let found = count(part);
-        if found < FEWEST {
-            return Err(IdentifyError::TooFewOfTarget {
-                what,
-                found,
-                needed: FEWEST,
-            });
-        }
-    }
-    Ok(())
-}
-
-/// Registers every reference frame to the state's robot, by the rows that saw the TCP.
-pub(crate) fn register(state: &mut State, prepared: &[Prepared], base: Option<&Pose>) {
-    let mut members: Vec<Vec<&Prepared>> = vec![Vec::new(); state.bases.len()];
-    for p in prepared.iter().filter(|p| p.lead == 0) {
-        members[p.reference].push(p);
-    }
-    for (reference, of) in members.iter().enumerate() {
-        let from: Vec<_> = of.par_iter().map(|p| state.at(p).tcp).collect();
-        let onto: Vec<_> = of.iter().map(|p| p.target).collect();
-        if let Some(pose) = fit_pose(&from, &onto) {
-            state.bases[reference] = pose;
-            state.pivots[reference] = onto.iter().sum::<Vector3<f64>>() / onto.len() as f64;
-        }
-    }
-    if let (Some(base), Some(slot)) = (base, state.bases.first_mut()) {
-        *slot = *base;
-    }
-}
-
-/// The nominal state, every parameter at its table's value, every frame registered.
-fn start_state(
-    experiment: &Experiment,
-    layout: &Layout,
-    table: &[Parameter],
-    prepared: &[Prepared],
-    base: Option<&Pose>,
-) -> State {
-    let mut state = State::nominal(&experiment.robot, &experiment.tool, layout);
-    for parameter in table {
-        let now = state.get(parameter.kind);
-        if parameter.nominal != now && !matches!(parameter.kind, Kind::Base(..) | Kind::Target(..) | Kind::Body(_)) {
-            state.add(parameter.kind, parameter.nominal - now);
-        }
-    }
-    state.refresh();
-    register(&mut state, prepared, base);
-    state.place_targets(prepared);
-    state
 }
 
 /// Fits `model` to the observations that `wanted` names.

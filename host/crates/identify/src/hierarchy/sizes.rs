@@ -10,7 +10,7 @@
 
 use nalgebra::DMatrix;
 
-use super::constants::{ECCENTRIC_ORDERS, SEATS_NU, ordinary_of, spread_of};
+use super::constants::{ECCENTRIC_ORDERS, FACTORS, HARMONICS, SEAT_M, SEATS_NU};
 use crate::parameters::{Kind, Parameter};
 use crate::solve::Unknowns;
 
@@ -59,6 +59,27 @@ impl Family {
             Kind::Target(..) | Kind::Body(_) | Kind::Base(..) | Kind::Sphere(..) => None,
         }
     }
+}
+
+/// Ordinary size of a group, where `table` is the prior of the table of parameters.
+fn ordinary_of(family: Family, table: f64) -> f64 {
+    match family {
+        Family::Eccentricity(_) => HARMONICS.0,
+        Family::Ripple(_) => HARMONICS.1,
+        Family::Seats => SEAT_M,
+        _ => table,
+    }
+}
+
+/// Standard deviation of the logarithm of a group's size.
+fn spread_of(family: Family) -> f64 {
+    match family {
+        Family::Lengths | Family::Twists | Family::Bending => FACTORS.made,
+        Family::Offsets | Family::Tool | Family::Scale | Family::Seats => FACTORS.wide,
+        Family::Compliance => FACTORS.compliance,
+        Family::Eccentricity(_) | Family::Ripple(_) => FACTORS.rotary,
+    }
+    .ln()
 }
 
 /// The size of one group.

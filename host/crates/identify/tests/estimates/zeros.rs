@@ -29,7 +29,7 @@ fn solved(name: &str, degrees: f64, seed: u64) -> Result<f64, String> {
         };
         real.joints.iter().map(of).collect()
     };
-    let mut normal = |rng: &mut ChaCha8Rng| -> f64 {
+    let normal = |rng: &mut ChaCha8Rng| -> f64 {
         let z: f64 = StandardNormal.sample(rng);
         z * NOISE_M
     };
