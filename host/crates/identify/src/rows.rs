@@ -21,6 +21,9 @@ use spherecal_model::{Experiment, Observation, Set, Sphere, Target};
 /// Prior of the base in planning (m and rad): flat enough, and well scaled.
 const BASE_SIGMA: f64 = 0.02;
 
+/// Highest harmonic order in planning: what ripples faster differs between neighbouring poses, and no choice of poses finds it.
+const PLANNED_ORDERS: usize = 12;
+
 /// The structured model at the nominal robot, ready to give rows.
 #[derive(Clone, Debug)]
 pub struct DesignModel {
@@ -64,12 +67,12 @@ impl DesignModel {
             observations,
         };
         let nominal = Nominal::new(robot, tool);
-        let layout = Layout::new(&experiment, options.harmonics, true);
+        let layout = Layout::new(&experiment, options.harmonics.min(PLANNED_ORDERS), true);
         let table = table(&experiment, &layout, options)?;
         let free = table
             .iter()
             .enumerate()
-            .filter(|(_, p)| p.free)
+            .filter(|(_, p)| p.free && p.kind != Kind::Scale)
             .map(|(i, p)| {
                 let sigma = match p.kind {
                     Kind::Base(..) => p.prior_sigma.min(BASE_SIGMA),
