@@ -6,6 +6,7 @@ use super::args::{RunArgs, StoredArgs};
 use super::check::CheckArgs;
 use super::collect::CollectArgs;
 use super::commission::CommissionArgs;
+use super::conform::ConformArgs;
 use super::doctor::DoctorArgs;
 use super::export::ExportArgs;
 use super::history::{HistoryArgs, TrendArgs};
@@ -128,6 +129,10 @@ pub enum CliCommand {
     /// Print or check the configuration: every field with its meaning and value.
     #[command(after_help = "Example: spherecal config --print > cell.toml && spherecal run --config cell.toml")]
     Config(ConfigArgs),
+    /// Ask a foreign drive or controller for each sentence of the links' documentation.
+    #[command(after_help = "Examples: spherecal conform --drive 127.0.0.1:7401\n          \
+                            spherecal conform --controller 127.0.0.1:7402 --json | jq .sentences")]
+    Conform(ConformArgs),
     /// Check what this machine has and lacks, and name the remedies.
     #[command(after_help = "Example: spherecal doctor --json | jq .checks")]
     Doctor(DoctorArgs),

@@ -8,6 +8,7 @@ use super::args::BadValue;
 use super::exit::{CliError, Exit};
 use super::out::{out, outln};
 use spherecal_job::open_store;
+use spherecal_model::printable;
 use spherecal_store::StoreLocation;
 use spherecal_store::history::{self, Past, Trend};
 
@@ -85,7 +86,11 @@ pub(super) fn history(args: &HistoryArgs) -> Result<Exit, CliError> {
             p.run,
             p.created_utc,
             p.robot,
-            if p.arm.is_empty() { "-" } else { &p.arm },
+            if p.arm.is_empty() {
+                "-".into()
+            } else {
+                printable(&p.arm)
+            },
             p.state,
             p.recorded.map_or_else(|| "-".to_owned(), |n| n.to_string()),
             number(p.residual_rms_mm),
@@ -117,9 +122,9 @@ pub(super) fn trend(args: &TrendArgs) -> Result<Exit, CliError> {
 
 fn text(trend: &Trend) -> String {
     let arm = if trend.arm.is_empty() {
-        "(not named)"
+        "(not named)".into()
     } else {
-        &trend.arm
+        printable(&trend.arm)
     };
     let mut out = format!("{} {arm}: {} calibrations\n", trend.robot, trend.steps.len());
     for step in &trend.steps {

@@ -10,6 +10,7 @@ mod bags;
 mod before_planning;
 mod certificate;
 mod check;
+mod circles;
 mod collect;
 #[cfg(target_os = "linux")]
 mod commission;

@@ -19,6 +19,9 @@ use super::sqlite;
 const MOST_NAME_BYTES: usize = 1024;
 /// Bytes that are read at once.
 const PIECE: usize = 1 << 20;
+/// Most bytes that one byte of a file may unpack to, beside a first [`MOST_RECORD_BYTES`]. Messages of a robot unpack to
+/// some ten times their size; a file that was made to take time, to thousands.
+const MOST_UNPACKED: u64 = 200;
 /// Bytes between two reports of progress.
 const REPORTED: u64 = 16 << 20;
 
@@ -96,7 +99,7 @@ fn read(
     let mut records = LinearReader::new_with_options(options);
     let mut types: HashMap<u16, String> = HashMap::new();
     let mut topics: HashMap<u16, Rc<Topic>> = HashMap::new();
-    let (mut bytes, mut reported) = (0, 0);
+    let (mut bytes, mut reported, mut unpacked) = (0, 0, 0);
     while let Some(event) = records.next_event() {
         let (opcode, data) = match event? {
             LinearReadEvent::ReadRequest(wanted) => {
@@ -112,6 +115,12 @@ fn read(
             }
             LinearReadEvent::Record { data, opcode } => (opcode, data),
         };
+        unpacked += data.len() as u64;
+        if unpacked > MOST_RECORD_BYTES as u64 + MOST_UNPACKED * bytes {
+            return Err(EarlyEnd::Name(
+                "its chunks unpack to more than 200 times their size, as no recording of a robot does",
+            ));
+        }
         // Other records are not needed, and some of them are parsed without a check of their length.
         if !matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
             continue;

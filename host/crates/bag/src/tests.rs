@@ -295,6 +295,20 @@ fn other_files_are_refused() {
     refused(&empty, &wanted(), &["SQLite"]);
 }
 
+// Fails if a file that unpacks to thousands of times its size is read to its end.
+#[test]
+fn a_bomb_is_refused_before_it_is_unpacked() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut bag = TestBag::compressed(folder.path(), Some(mcap::Compression::Zstd));
+    let zeros = vec![0; 1 << 20];
+    for k in 0..100 {
+        bag.put("/camera", "sensor_msgs/msg/Image", "cdr", START_NS + k, &zeros);
+    }
+    let path = bag.finish();
+    assert!(std::fs::metadata(&path).unwrap().len() < 1 << 20);
+    refused(&path, &wanted(), &["more than 200 times"]);
+}
+
 // Fails if the parts of a split bag are read in the order of their names: 10 before 2.
 #[test]
 fn a_split_bag_is_read_in_its_order() {

@@ -19,6 +19,8 @@ mod error;
 mod sections;
 
 pub use cell::{CellSection, DriveSection, ToolSection};
+use certificate::is_one_line;
+
 pub use certificate::CertificateSection;
 pub use error::ConfigError;
 pub use sections::{CampaignSection, Choice, LaserSection, PlanSection};
@@ -136,6 +138,11 @@ impl Config {
     pub fn check(&self) -> Result<(), ConfigError> {
         self.procedure.check()?;
         self.certificate.check()?;
+        if !is_one_line(&self.arm) {
+            return Err(ConfigError::Arm {
+                value: self.arm.escape_debug().take(60).collect(),
+            });
+        }
         self.cell.check()?;
         self.host_link.check()?;
         if self.campaign.lead_ms > 2000 {

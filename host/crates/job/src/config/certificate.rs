@@ -11,6 +11,12 @@ use super::{ConfigError, MOST_BYTES};
 
 /// Most characters of a name or number: more does not fit on the page.
 const MOST_CHARACTERS: usize = 60;
+
+/// Whether a word that is printed is one line of a usual length: a longer one, or one with a line break, could look like
+/// rows of a table.
+pub(super) fn is_one_line(text: &str) -> bool {
+    text.chars().count() <= MOST_CHARACTERS && !text.chars().any(char::is_control)
+}
 /// Longest validity, in months.
 const MOST_MONTHS: u32 = 120;
 
@@ -106,7 +112,7 @@ impl CertificateSection {
             ("plate_certificate", &self.plate_certificate),
         ] {
             let text = text.as_deref().unwrap_or_default();
-            if text.chars().count() > MOST_CHARACTERS || text.chars().any(char::is_control) {
+            if !is_one_line(text) {
                 return Err(ConfigError::Certificate {
                     field,
                     value: text.escape_debug().take(2 * MOST_CHARACTERS).collect(),
@@ -153,6 +159,28 @@ mod tests {
     fn refusal(text: &str) -> String {
         let config = Config::parse("cell.toml", text).expect("parses");
         config.check().expect_err(text).to_string()
+    }
+
+    // Fails if the name of an arm can look like rows of a table, or fills a screen.
+    #[test]
+    fn the_name_of_an_arm_is_one_short_line() {
+        let config = |arm: String| Config {
+            arm,
+            ..Config::default()
+        };
+        config("A-17, Zelle Süd".to_owned()).check().expect("a name");
+        for arm in [
+            "A\n    9  2026-01-01".to_owned(),
+            "x".repeat(5000),
+            "\u{1b}[2J".to_owned(),
+        ] {
+            let said = config(arm).check().expect_err("refused").to_string();
+            assert!(
+                said.contains("one line of at most 60 characters") && said.len() < 500,
+                "{said}"
+            );
+            assert!(!said.contains(char::is_control), "{said}");
+        }
     }
 
     // Fails if a value that cannot be printed or cannot be true is accepted, or if the message

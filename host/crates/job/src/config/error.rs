@@ -37,6 +37,12 @@ pub enum ConfigError {
         /// What to write instead.
         remedy: &'static str,
     },
+    /// The name of the arm cannot be printed.
+    #[error("arm is \"{value}\": give one line of at most 60 characters, such as the serial number")]
+    Arm {
+        /// Its name, as far as it is printed.
+        value: String,
+    },
     /// A word of the certificate cannot be printed.
     #[error("certificate.{field} is {value}: {remedy}")]
     Certificate {

@@ -149,10 +149,23 @@ fn body(path: &str, link: &str, node: roxmltree::Node<'_, '_>) -> Result<UrdfBod
         Some(text) => number(path, || format!("link \"{link}\": {tag} {name}"), text),
         None => Ok(0.0),
     };
+    // A mass, or a moment of inertia about an axis.
+    let positive = |tag: &str, name: &str| {
+        let value = read(tag, name)?;
+        if value < 0.0 {
+            return Err(value_error(
+                path,
+                format!("link \"{link}\": {tag} {name}"),
+                &value.to_string(),
+                "give a number that is not negative, in kg or kg m²",
+            ));
+        }
+        Ok(value)
+    };
     let (xx, yy, zz) = (
-        read("inertia", "ixx")?,
-        read("inertia", "iyy")?,
-        read("inertia", "izz")?,
+        positive("inertia", "ixx")?,
+        positive("inertia", "iyy")?,
+        positive("inertia", "izz")?,
     );
     let (xy, xz, yz) = (
         read("inertia", "ixy")?,
@@ -161,7 +174,7 @@ fn body(path: &str, link: &str, node: roxmltree::Node<'_, '_>) -> Result<UrdfBod
     );
     let inertia = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
     Ok(UrdfBody {
-        mass_kg: read("mass", "value")?,
+        mass_kg: positive("mass", "value")?,
         com: frame.position,
         inertia: frame.rotation * inertia * frame.rotation.transpose(),
     })

@@ -52,6 +52,21 @@ fn hostile_descriptions_are_refused_at_once() {
     }
 }
 
+// Fails if a mass or a moment of inertia below zero is read in silence, or without its field.
+#[test]
+fn negative_masses_of_a_urdf_are_named() {
+    let urdf = data("ur5e.urdf");
+    for (tag, attribute) in [("<mass value=\"", "mass value"), ("ixx=\"", "inertia ixx")] {
+        let changed = urdf.replacen(tag, &format!("{tag}-"), 2);
+        assert_ne!(changed, urdf, "{tag}");
+        let message = load_urdf_text("r.urdf", &changed, None).unwrap_err().to_string();
+        assert!(
+            message.contains(attribute) && message.contains("not negative"),
+            "{message}"
+        );
+    }
+}
+
 #[test]
 fn numbers_of_a_urdf_in_the_wrong_unit_are_named() {
     let urdf = data("ur5e.urdf");
