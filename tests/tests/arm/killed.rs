@@ -16,7 +16,8 @@ use spherecal_shared::protocol::host::{Coupled, Event, Phase};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 use spherecal_tests::plan::{Memory, ONCE, cell, short_plan};
 
-/// Largest force in N with which the arm may pull at a seated nest where it does not mean to leave the sphere.
+/// Largest force in N with which a free motion may pull at a nest on a sphere. (A host that is killed as the arm leaves the
+/// sphere leaves it pulling, with its brakes closed.)
 const PULL_N: f64 = 15.0;
 /// Periods over which a force is averaged.
 const MEAN: usize = 10;
@@ -27,7 +28,7 @@ struct Seen {
     phase: Phase,
     /// The newest forces of the arm on nest and magnet, in N.
     pulls: Vec<f64>,
-    /// The largest mean of them while the arm rested or moved freely.
+    /// The largest mean of them in a free motion with the nest on a sphere.
     worst_n: f64,
 }
 
@@ -66,7 +67,7 @@ impl Drive for LivingDrive {
         seen.pulls.push((truth.contact_n + truth.magnet_n).norm());
         let begin = seen.pulls.len().saturating_sub(MEAN);
         seen.pulls.drain(..begin);
-        if truth.seated.is_some() && matches!(seen.phase, Phase::Idle | Phase::Moving) {
+        if truth.seated.is_some() && seen.phase == Phase::Moving {
             let mean = seen.pulls.iter().sum::<f64>() / MEAN as f64;
             seen.worst_n = seen.worst_n.max(mean);
         }
