@@ -28,6 +28,37 @@ fn the_papers_grid_is_reachable_as_the_reference_says() {
     assert!(plan.robot_s < 1843.0 * (RECORD_S + 0.9), "{}", plan.robot_s);
 }
 
+// Fails if the grid that an arm carries out has poses in which joint 6 ran to its limit on a simulated arm, if it leaves out
+// more than these, or if it swings joint 1 where a neighbour of the pose is near.
+#[test]
+fn the_papers_grid_on_an_arm_keeps_off_the_limits() {
+    let cell = Cell::iiwa7();
+    let request = PlanRequest::paper_on_an_arm();
+    let plan = plan(&cell, &request).expect("a plan");
+    let counts: Vec<usize> = plan.spheres.iter().map(Visit::recorded).collect();
+    assert_eq!(counts, [585, 615, 615]);
+    for pose in [226, 233, 491, 109, 615] {
+        let refused = plan.rejected.iter().find(|r| r.id == pose).map(|r| r.obstacle);
+        assert!(
+            matches!(
+                refused,
+                Some(Obstacle::JointLimit { joint: 6, .. } | Obstacle::OutOfReach)
+            ),
+            "{pose}: {refused:?}"
+        );
+    }
+    assert_continuous(&cell, &request.rules, &plan);
+    let swings = |plan: &Plan| {
+        let pairs = plan.spheres.iter().flat_map(|visit| visit.poses.windows(2));
+        pairs
+            .filter(|pair| (pair[0].joints[0] - pair[1].joints[0]).abs() > 0.7)
+            .count()
+    };
+    let (before, after) = (swings(&paper_plan(&cell).expect("a plan")), swings(&plan));
+    println!("{before} swings of joint 1 before, {after} now; {:.0} s", plan.robot_s);
+    assert!(4 * after < before, "{after} of {before}");
+}
+
 #[test]
 fn fifteen_degrees_from_the_shoulders_singularity_cost_poses() {
     let cell = Cell::iiwa7();

@@ -89,6 +89,7 @@ impl Grid {
                 .follow(placed.chain, &start.neutral, &start.joints, &pose)
                 .and_then(|joints| {
                     placed.rules.configuration(placed.chain, &joints)?;
+                    placed.rules.astray(placed.chain, &pose, &joints)?;
                     placed.scene.standing(&joints, Some(sphere))?;
                     Ok(joints)
                 });

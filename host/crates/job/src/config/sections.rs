@@ -85,7 +85,7 @@ impl PlanSection {
     /// See [`plan`](spherecal_plan::plan) and [`design`](spherecal_plan::design).
     pub fn make(&self, cell: &Cell, identify: &identify::Options) -> Result<Plan, PlanError> {
         if self.paper {
-            return plan(cell, &PlanRequest::paper());
+            return plan(cell, &PlanRequest::paper_on_an_arm());
         }
         if self.accuracy_mm.is_none() && (self.choice == Choice::Grid || self.poses == 0) {
             let request = PlanRequest {
