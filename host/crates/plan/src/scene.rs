@@ -54,6 +54,9 @@ struct Ball {
     radius: f64,
 }
 
+/// A link: its ends and its radius, in m.
+type Link = (Vector3<f64>, Vector3<f64>, f64);
+
 /// An arm in its cell, with one placement of the plate.
 #[derive(Clone, Debug)]
 pub struct Scene {
@@ -167,29 +170,44 @@ impl Scene {
         }
     }
 
-    /// The clearances at joint angles `q` (rad), in m: one per ball, then plate, arm, workspace and
-    /// joint limits.
-    pub(super) fn clearances(&self, q: &[f64]) -> Vec<f64> {
-        let frames = self.chain.frames(q);
-        let tcp = self.chain.tcp_of(&frames);
-        let Some(flange) = frames.last().copied() else {
-            return Vec::new();
-        };
+    /// The nest's frame, and the last links and the tool up to the nest: their ends and radii, in m. `None` without joints.
+    fn shapes(&self, frames: &[Pose<f64>]) -> Option<(Pose<f64>, Vec<Link>)> {
+        let flange = frames.last()?;
         let nest = Pose {
-            position: tcp,
+            position: self.chain.tcp_of(frames),
             rotation: flange.rotation,
         };
-        let back = tcp + nest.z() * NEST_BACK_M;
+        let back = nest.position + nest.z() * NEST_BACK_M;
         let n = frames.len();
         let origin = |k: usize| frames.get(k).map_or_else(Vector3::zeros, |f| f.position);
         // A tool that is shorter than the nest, as the bare flange is, ends the last link there.
         let in_nest = nest.z().dot(&(flange.position - back)) > 0.0;
         let end = if in_nest { back } else { flange.position };
-        // The last links, and the tool up to the nest.
-        let mut links: Vec<(Vector3<f64>, Vector3<f64>, f64)> = (n.saturating_sub(4)..n - 1)
+        let mut links: Vec<Link> = (n.saturating_sub(4)..n - 1)
             .map(|k| (origin(k), if k + 2 == n { end } else { origin(k + 1) }, LINK_RADIUS_M))
             .collect();
         links.push((end, back, TOOL_RADIUS_M));
+        Some((nest, links))
+    }
+
+    /// Whether nest or links of an arm at `q` (rad) are under the plate: there is no way up from there that the shapes of
+    /// this scene could judge.
+    pub(super) fn is_below_the_plate(&self, q: &[f64]) -> bool {
+        let shapes = self.shapes(&self.chain.frames(q));
+        let below = |surface: &Surface| shapes.is_some_and(|(nest, links)| surface.is_over(&nest, &links));
+        self.surface.as_ref().is_some_and(below)
+    }
+
+    /// The clearances at joint angles `q` (rad), in m: one per ball, then plate, arm, workspace and
+    /// joint limits.
+    pub(super) fn clearances(&self, q: &[f64]) -> Vec<f64> {
+        let frames = self.chain.frames(q);
+        let Some((nest, links)) = self.shapes(&frames) else {
+            return Vec::new();
+        };
+        let tcp = nest.position;
+        let origin = |k: usize| frames.get(k).map_or_else(Vector3::zeros, |f| f.position);
+        let n = frames.len();
 
         let mut all = Vec::with_capacity(self.balls.len() + 4);
         for ball in &self.balls {
@@ -208,7 +226,7 @@ impl Scene {
         let mut from = Vector3::zeros();
         for k in 0..=n.saturating_sub(4) {
             let to = origin(k);
-            let gap = apart(&from, &to, &flange.position, &tcp);
+            let gap = apart(&from, &to, &origin(n - 1), &tcp);
             own = own.min(gap - BASE_RADIUS_M - TOOL_RADIUS_M);
             from = to;
         }
@@ -246,7 +264,7 @@ impl Scene {
 impl Surface {
     /// Height of the lowest point of nest and links above the plate, in m. What is beside the plate
     /// does not count.
-    fn above(&self, nest: &Pose<f64>, links: &[(Vector3<f64>, Vector3<f64>, f64)]) -> f64 {
+    fn above(&self, nest: &Pose<f64>, links: &[Link]) -> f64 {
         let mut least = f64::INFINITY;
         let mut look = |point: &Vector3<f64>, radius: f64| {
             let height = self.normal.dot(&(point - self.centre));
@@ -264,6 +282,17 @@ impl Surface {
             }
         }
         least
+    }
+}
+
+impl Surface {
+    /// Whether the TCP or a part of the links' axes is under the plate by more than a margin.
+    fn is_over(&self, nest: &Pose<f64>, links: &[Link]) -> bool {
+        let parts = links.iter().flat_map(|(a, b, _)| [*a, (a + b) * 0.5, *b]);
+        parts.chain([nest.position]).any(|point| {
+            let height = self.normal.dot(&(point - self.centre));
+            height < -MARGIN_M && (point - self.centre - self.normal * height).norm() <= self.radius
+        })
     }
 }
 

@@ -60,9 +60,10 @@ impl Scene {
     }
 
     /// The configurations through which a clear way leads from `from` to `to` (rad), `to` at the
-    /// end: `to` alone where the straight joint motion is clear. `None` if no way was found.
+    /// end: `to` alone where the straight joint motion is clear. `None` if no way was found, or if the arm is under the
+    /// plate: each way up from there would count as one that comes no nearer.
     pub fn way(&self, from: &[f64], to: &[f64]) -> Option<Vec<Vec<f64>>> {
-        if from.len() != to.len() {
+        if from.len() != to.len() || self.is_below_the_plate(from) {
             return None;
         }
         let goal = self.clearances(to);

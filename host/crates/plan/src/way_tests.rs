@@ -133,6 +133,22 @@ fn from_every_pose_a_clear_way_leads_back() {
     assert!(tight * 10 < ways, "{tight} of {ways} retreats are not clear");
 }
 
+// Fails if a way leads from under the plate through it: its first move hit a sphere from below.
+#[test]
+fn from_under_the_plate_no_way_is_known() {
+    let (plan, chain) = cell();
+    let scene = scene(&plan, &chain);
+    let sphere = &plan.spheres[2];
+    let home = &plan.home.joints;
+    assert!(scene.way(&sphere.approach.joints, home).is_some());
+    let down = Vector3::new(0.0, 0.0, -0.019);
+    let start = sphere.approach.joints.clone();
+    let under = (0..10)
+        .try_fold(start, |q, _| beside(&chain, &q, down))
+        .expect("within reach");
+    assert!(scene.way(&under, home).is_none());
+}
+
 // Fails if a motion through a sphere or through its post counts as clear, or
 // if one that only comes back in does not.
 #[test]
