@@ -13,6 +13,7 @@ use super::recovery::policy;
 use super::retry::{CouplingEnd, DescentEnd, Waypoints};
 use super::seats::Seats;
 use super::session::{Session, Waited};
+use super::words::describe;
 use super::{Assignment, CampaignError};
 use spherecal_link::Device;
 use spherecal_link::Journal;
@@ -256,8 +257,9 @@ impl<'a> Campaign<'a> {
                 approach = self.waypoints.retry(visit, missed, &last);
             }
             session.note(&format!(
-                "sphere {}: {:?} while {:?}; recovering",
-                visit.sphere_id, report.fault, report.phase
+                "sphere {}: {}; recovering",
+                visit.sphere_id,
+                describe(&report)
             ));
             if let Some(pose) = pose
                 && policy(report.fault).blames_pose

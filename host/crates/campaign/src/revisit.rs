@@ -19,6 +19,7 @@ use super::procedure::Campaign;
 use super::retry::{CouplingEnd, DescentEnd, Waypoints};
 use super::seats::SeatVerdict;
 use super::session::{Session, Waited};
+use super::words::describe;
 use spherecal_plan::Visit;
 
 /// Whether a fault can come from a sphere that is not where it was.
@@ -69,7 +70,7 @@ impl Campaign<'_> {
             Ok(SeatVerdict::Sound) => return Ok(CouplingEnd::Seated),
             Ok(SeatVerdict::Replaced(by_m)) => {
                 session.note(&format!(
-                    "sphere {}: its couplings are now {:.2} mm from its first one: the first had seated badly, or the sphere \
+                    "sphere {}: its couplings are now {:.2} mm from its earlier ones: those had seated badly, or the sphere \
                      moved; see what the report says of its recordings",
                     visit.sphere_id,
                     by_m * 1e3
@@ -159,8 +160,9 @@ impl Campaign<'_> {
                 approach = self.waypoints.retry(visit, failed, &last);
             }
             session.note(&format!(
-                "sphere {}: {:?} while {:?} at its second visit; recovering",
-                visit.sphere_id, report.fault, report.phase
+                "sphere {}: {} at its second visit; recovering",
+                visit.sphere_id,
+                describe(&report)
             ));
             session.stage(CampaignStage::Recover, visit.sphere_id, plan);
             self.let_go(session, visit, report)?;

@@ -104,6 +104,18 @@ mod tests {
                 assert!(crate::remedy(fault).len() > 20);
             }
         }
+        // A nest that was lost by its speed is not told as beyond a distance.
+        let lost = |value| FaultReport {
+            fault: Fault::ContactLost,
+            phase: Phase::Coupled,
+            time_us: 0,
+            tick: 0,
+            joint: 0,
+            value,
+            limit: 0.005,
+        };
+        assert!(describe(&lost(0.00086)).contains("faster than a seated one, 0.86 mm from where"));
+        assert!(describe(&lost(0.0061)).contains("value 6.10 mm, limit 5.00 mm"));
         let at_limit = FaultReport {
             fault: Fault::JointPosition,
             phase: Phase::Moving,

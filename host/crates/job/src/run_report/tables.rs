@@ -114,22 +114,14 @@ pub(super) fn health(m: &Measurements, s: &Summary) -> Vec<SimpleTable> {
             SimpleTable {
                 title: "Faults".to_owned(),
                 caption: "The run recovered from all of them; poses that were given up are not used.".to_owned(),
-                columns: strings(&["fault", "phase", "time (s)", "joint", "value", "limit"]),
+                columns: strings(&["time (s)", "fault"]),
                 rows: s
                     .faults
                     .iter()
                     .map(|f| {
                         vec![
-                            format!("{:?}", f.fault),
-                            format!("{:?}", f.phase),
                             format!("{:.3}", f.time_us as f64 * 1e-6),
-                            if f.joint == 0 {
-                                "–".to_owned()
-                            } else {
-                                f.joint.to_string()
-                            },
-                            format!("{:.4}", f.value),
-                            format!("{:.4}", f.limit),
+                            spherecal_campaign::describe(f),
                         ]
                     })
                     .collect(),
