@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
-use spherecal::campaign::{Assignment, CampaignError, CampaignObserver, RunOptions, run};
+use spherecal::campaign::{Assignment, CampaignError, CampaignObserver, run};
 use spherecal::link::{Arrival, Device, Drive, LinkError, LocalDevice};
 use spherecal::plan::Plan;
 use spherecal::sim::SimulatedArm;
@@ -119,10 +119,7 @@ fn session(drive: &LivingDrive, plan: &Plan, memory: &mut Memory, ticks: u64) ->
         plan,
         done: &done,
         seated: &couplings.collect::<Vec<Coupled>>(),
-        options: RunOptions {
-            look_first: true,
-            ..ONCE
-        },
+        options: ONCE,
     };
     drive.seen.lock().expect("no panic").phase = Phase::Idle;
     let device = cell(Box::new(drive.clone()));

@@ -80,9 +80,6 @@ pub struct RunOptions {
     pub confirm_seats: bool,
     /// Whether every sphere is coupled once more after its poses, to see that it has not moved.
     pub second_visits: bool,
-    /// Whether the campaign begins by finding out where the nest is. An arm that lived before this program may hang on a
-    /// sphere. One that was made with it is at home.
-    pub look_first: bool,
 }
 
 impl RunOptions {
@@ -94,7 +91,6 @@ impl RunOptions {
         lead_ms: 60,
         confirm_seats: false,
         second_visits: true,
-        look_first: false,
     };
 }
 

@@ -162,10 +162,12 @@ impl<'a> Campaign<'a> {
                 return Ok(());
             }
             campaign.begin(session)?;
-            if campaign.assignment.options.look_first {
-                campaign.free_the_nest(session)?;
+            let goes_on = !campaign.done.is_empty() || !campaign.assignment.seated.is_empty();
+            if goes_on {
+                campaign.free_the_nest(session)
+            } else {
+                Ok(())
             }
-            Ok(())
         })?;
         // Whether the arm is away from home, and the visit that it has just left as planned.
         let (mut away, mut left) = (false, None);

@@ -116,22 +116,17 @@ impl<'a> Campaign<'a> {
         nearest.filter(|(away_m, _)| *away_m < OFF_M).map(|(_, visit)| visit)
     }
 
-    /// Decides where the nest is before anything else moves, and brings it off the sphere that it may be on. An earlier
-    /// host may have been killed at any moment, and a controller that is new knows nothing of it. Only the arm itself
-    /// tells for sure where it is: near the place of a sphere it retreats, which does no harm to a free arm.
-    pub(super) fn free_the_nest(&mut self, session: &mut Session<'_>) -> Result<(), CampaignError> {
+    /// Brings the nest off the sphere that it may be on. An earlier host may have been killed at any moment, and a
+    /// controller that is new knows nothing of it. Only the arm itself tells for sure where it is: near the place of a
+    /// sphere it retreats, which does no harm to a free arm.
+    pub(super) fn free_the_nest(&self, session: &mut Session<'_>) -> Result<(), CampaignError> {
         session.see(SEEN_S)?;
-        if session.sample().is_none() {
-            return Ok(());
-        }
         let attempts = self.assignment.options.attempts.max(1);
         let mut last = None;
         for attempt in 0..attempts {
             let Some(visit) = self.sits_at(session) else {
-                self.touching = false;
                 return Ok(());
             };
-            self.touching = true;
             session.stage(CampaignStage::Recover, visit.sphere_id, self.assignment.plan);
             session.note(&format!(
                 "the nest may be on sphere {}: retreating first",
@@ -140,7 +135,6 @@ impl<'a> Campaign<'a> {
             let direction = self.way_off(session, visit, attempt);
             let retreat = Command::Retreat { direction };
             let Some(report) = session.carry_to_rest("retreat from the sphere", retreat, self.decouple_limit())? else {
-                self.touching = false;
                 return Ok(());
             };
             session.rest(pause_s(&report, attempt))?;
@@ -237,7 +231,9 @@ impl<'a> Campaign<'a> {
         self.configure(session)?;
         // Its last recording may have been in transit when it was lost.
         self.count(session);
-        self.free_the_nest(session)
+        self.free_the_nest(session)?;
+        self.touching = false;
+        Ok(())
     }
 
     /// A free motion to `target` (rad), with as many attempts as are allowed. Where the straight
@@ -286,8 +282,8 @@ impl<'a> Campaign<'a> {
             (Some(scene), Some(q)) => scene
                 .way(&q, target)
                 .ok_or_else(|| CampaignError::Blocked { what: what.to_owned() })?,
-            // Before the first sample nothing is known of the arm.
-            _ => vec![target.to_vec()],
+            (Some(_), None) => return self.go_unseen(session, what, target),
+            (None, _) => vec![target.to_vec()],
         };
         if way.len() > 1 {
             session.note(&format!(
@@ -302,5 +298,29 @@ impl<'a> Campaign<'a> {
             }
         }
         Ok(None)
+    }
+
+    /// The first motion of a session, before the arm has told where it is. It tells in the first periods of the motion, in
+    /// which it moves by less than a millimetre. If the nest may be on a sphere, or the straight motion is not clear, the
+    /// arm stops, leaves the sphere, and the motion is planned.
+    fn go_unseen(
+        &self,
+        session: &mut Session<'_>,
+        what: &str,
+        target: &[f64],
+    ) -> Result<Option<FaultReport>, CampaignError> {
+        let straight = Command::Move { target: joints(target) };
+        if let Some(report) = session.carry_out(what, straight)? {
+            return Ok(Some(report));
+        }
+        session.see(SEEN_S)?;
+        let free = self.sits_at(session).is_none() && self.is_straight(session, target);
+        if free || session.sample().is_none() {
+            return session.to_rest(what, self.motion_limit());
+        }
+        // A fault that came meanwhile is reported by the next command.
+        session.stop_at_once()?;
+        self.free_the_nest(session)?;
+        self.go(session, what, target)
     }
 }

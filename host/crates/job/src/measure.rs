@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, Outcome, RunOptions, Tracker, measure_laser};
+use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, Outcome, Tracker, measure_laser};
 use spherecal_link::Device;
 use spherecal_plan::Plan;
 use spherecal_store::time::now_utc;
@@ -117,10 +117,7 @@ pub fn measure(prepared: &PreparedRun, site: Site<'_>, resume: Option<&RunInfo>)
         plan,
         done: &done,
         seated: &seated,
-        options: RunOptions {
-            look_first: !repeats,
-            ..prepared.config.campaign.options()
-        },
+        options: prepared.config.campaign.options(),
     };
     let (outcome, result) = match faulty {
         None => campaign::run(&assignment, device, &mut journal, site.observer, site.interrupt),

@@ -166,7 +166,6 @@ impl CampaignSection {
             lead_ms: self.lead_ms,
             confirm_seats: self.confirm_seats,
             second_visits: self.second_visits,
-            ..campaign::RunOptions::DEFAULT
         }
     }
 }
