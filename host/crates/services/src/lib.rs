@@ -26,6 +26,7 @@ mod guard;
 mod listen;
 pub mod live;
 mod offer;
+mod open_connection;
 mod responses;
 #[cfg(feature = "grpc")]
 mod serve;

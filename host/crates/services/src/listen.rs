@@ -2,7 +2,7 @@
 //!
 //! A server has few honest clients. It keeps at most [`CONNECTIONS`] connections open, and at most
 //! [`CONNECTIONS_OF_ONE_ADDRESS`] of one address on the network. When one more arrives, a connection is
-//! closed: first those that sent no complete request within [`LATE`], then the one that has been
+//! closed: first those that sent no complete request within [`LATE`](crate::budget::LATE), then the one that has been
 //! silent longest. So idle connections cannot lock out a client. A connection that sends no
 //! complete request within [`FIRST_REQUEST`] is always closed.
 
@@ -21,7 +21,8 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::oneshot;
 
-use crate::budget::{CONNECTIONS, CONNECTIONS_OF_ONE_ADDRESS, FIRST_REQUEST, LATE};
+use crate::budget::{CONNECTIONS, CONNECTIONS_OF_ONE_ADDRESS, FIRST_REQUEST};
+use crate::open_connection::OpenConnection;
 use crate::responses::Responses;
 
 /// Connections that may wait to be accepted. Where more wait, the system drops the next one, and its client tries
@@ -29,44 +30,6 @@ use crate::responses::Responses;
 const WAITING: u32 = 4096;
 /// Wait after an accept that failed, for example because no file descriptor is free.
 const AFTER_FAILURE: Duration = Duration::from_millis(50);
-
-/// What is known of an open connection.
-struct OpenConnection {
-    peer: IpAddr,
-    opened: Instant,
-    /// Last byte in either direction, in ms after `opened`.
-    last_ms: AtomicU64,
-    /// Whether a whole request has come.
-    proven: AtomicBool,
-    /// Responses of the whole server that wait to be read.
-    responses: Arc<Responses>,
-    /// Closes the connection when it is dropped.
-    close: Mutex<Option<oneshot::Sender<()>>>,
-}
-
-impl OpenConnection {
-    fn touch(&self) {
-        let ms = u64::try_from(self.opened.elapsed().as_millis()).unwrap_or(u64::MAX);
-        self.last_ms.store(ms, Ordering::Relaxed);
-    }
-
-    fn last(&self) -> Instant {
-        self.opened + Duration::from_millis(self.last_ms.load(Ordering::Relaxed))
-    }
-
-    /// Whether it has sent no complete request although an honest client would have.
-    fn is_late(&self) -> bool {
-        !self.proven.load(Ordering::Relaxed) && self.opened.elapsed() > LATE
-    }
-
-    fn close(&self) {
-        self.close.lock().unwrap_or_else(PoisonError::into_inner).take();
-    }
-
-    fn is_open(&self) -> bool {
-        self.close.lock().unwrap_or_else(PoisonError::into_inner).is_some()
-    }
-}
 
 /// All open connections.
 #[derive(Default)]
@@ -174,11 +137,15 @@ impl Listener {
             opened: Instant::now(),
             last_ms: AtomicU64::new(0),
             proven: AtomicBool::new(false),
-            responses: Arc::clone(&self.responses),
             close: Mutex::new(Some(close)),
         });
         self.open.admit(&entry);
-        Connection { stream, closed, entry }
+        Connection {
+            stream,
+            closed,
+            entry,
+            responses: Arc::clone(&self.responses),
+        }
     }
 
     /// Connections one after another, until the server drops the stream.
@@ -223,13 +190,9 @@ impl axum::serve::Listener for Listener {
 
 /// Marks the connection of a request as one that sends requests.
 #[derive(Clone)]
-pub(crate) struct Proof(Arc<OpenConnection>);
-
-impl Proof {
-    /// Closes the connection.
-    pub(crate) fn close(&self) {
-        self.0.close();
-    }
+pub(crate) struct Proof {
+    connection: Arc<OpenConnection>,
+    responses: Arc<Responses>,
 }
 
 /// A connection that can be closed from outside, with the time of its last byte.
@@ -238,11 +201,16 @@ pub(crate) struct Connection {
     /// Ends when the connection is to be closed.
     closed: oneshot::Receiver<()>,
     entry: Arc<OpenConnection>,
+    /// Responses of the whole server that wait to be read.
+    responses: Arc<Responses>,
 }
 
 impl Connection {
     fn proof(&self) -> Proof {
-        Proof(Arc::clone(&self.entry))
+        Proof {
+            connection: Arc::clone(&self.entry),
+            responses: Arc::clone(&self.responses),
+        }
     }
 
     /// Fails if the connection was closed from outside; otherwise wakes when it is.
@@ -333,13 +301,13 @@ pub(crate) async fn note_request(request: Request, next: Next) -> Response {
     let Some(proof) = proof else {
         return next.run(request).await;
     };
-    proof.0.proven.store(true, Ordering::Relaxed);
+    proof.connection.proven.store(true, Ordering::Relaxed);
     // Every answer of the store is one message. The other services send for as long as their client listens, and
     // files, which have a dot in their name too, are in the program itself.
     let ends = !request.uri().path().contains('.') || request.uri().path().contains(".CalibrationStore/");
     let response = next.run(request).await;
     match ends {
-        true => Arc::clone(&proof.0.responses).hold(response, proof),
+        true => proof.responses.hold(response, proof.connection),
         false => response,
     }
 }

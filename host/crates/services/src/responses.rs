@@ -16,14 +16,14 @@ use axum::response::Response;
 use http_body::{Frame, SizeHint};
 
 use crate::budget::{RESPONSE, RESPONSES};
-use crate::listen::Proof;
+use crate::open_connection::OpenConnection;
 
 /// A response that waits, and its connection.
 struct Waiting {
     /// Ends with the response.
     body: Weak<()>,
     since: Instant,
-    connection: Proof,
+    connection: Arc<OpenConnection>,
 }
 
 /// The responses of a server that wait to be read, oldest first.
@@ -32,7 +32,7 @@ pub(crate) struct Responses(Mutex<VecDeque<Waiting>>);
 
 impl Responses {
     /// Registers a response until it is read. Where there are too many, closes the connection of the oldest.
-    pub(crate) fn hold(self: Arc<Self>, response: Response, connection: Proof) -> Response {
+    pub(crate) fn hold(self: Arc<Self>, response: Response, connection: Arc<OpenConnection>) -> Response {
         let streams = response
             .headers()
             .get(CONTENT_TYPE)

@@ -17,6 +17,7 @@ use std::time::{Duration, Instant};
 use spherecal_shared::protocol::frame::{self, MAX_FRAME};
 
 use super::TcpError;
+use super::greeting::{SILENT, WHO, gives_way, hello_frame};
 use super::lobby::{Candidate, Lobby, Look};
 use super::progress::{FrameWatch, NO_FRAME};
 use super::turns::Turns;
@@ -24,17 +25,12 @@ use crate::{Device, LinkError, LocalDevice};
 
 pub use super::real_time_hosts::HostService;
 
-/// How long a host in real time may be silent, and one in lock-step if another one waits.
-pub(super) const SILENT: Duration = Duration::from_secs(5);
 /// How long a host in lock-step may take to read.
 const READ: Duration = Duration::from_secs(5);
 /// How often a silent host in lock-step is looked after.
 const LOOK: Duration = Duration::from_millis(250);
 /// How often those who wait are looked after while no host is served.
 const IDLE: Duration = Duration::from_millis(5);
-/// What the peers are called.
-pub(super) const WHO: &str = "the host";
-
 /// Serves one host after the other; with `once` it returns when the first that got the place has disconnected. `told`
 /// is given the reason for which a host was disconnected.
 ///
@@ -125,23 +121,6 @@ fn speaking_host(
             },
         }
     }
-}
-
-/// The reason of a host that gave way.
-pub(super) fn gives_way(peer: &str, heard: Instant) -> TcpError {
-    TcpError::Gone {
-        peer: peer.to_owned(),
-        what: "it gives way to another host",
-        seconds: heard.elapsed().as_secs(),
-    }
-}
-
-/// The drive's hello, framed for the host.
-pub(super) fn hello_frame(cell: &LocalDevice) -> Result<Vec<u8>, TcpError> {
-    let mut bytes = vec![0; MAX_FRAME];
-    let length = frame::encode(cell.hello(), 0, cell.now_us(), &mut bytes)?;
-    bytes.truncate(length);
-    Ok(bytes)
 }
 
 /// A host in lock-step: its bytes, one period, the controller's bytes; repeated until it leaves.

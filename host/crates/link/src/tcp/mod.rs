@@ -27,6 +27,7 @@ pub mod conform;
 pub mod controller_server;
 mod drive;
 mod error;
+mod greeting;
 mod lobby;
 mod progress;
 mod real_time_hosts;

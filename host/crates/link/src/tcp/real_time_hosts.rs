@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use spherecal_shared::protocol::frame::MAX_FRAME;
 
 use super::TcpError;
-use super::controller_server::{SILENT, WHO, gives_way, hello_frame};
+use super::greeting::{SILENT, WHO, gives_way, hello_frame};
 use super::lobby::{Candidate, Lobby, Look};
 use super::progress::FrameWatch;
 use crate::{Device as _, LinkError, LocalDevice};
