@@ -40,6 +40,7 @@ mod release;
 mod robot_sides;
 #[cfg(feature = "services")]
 mod services;
+mod sources;
 mod support;
 mod targets;
 #[cfg(unix)]
