@@ -127,10 +127,7 @@ fn bad_input_is_refused_by_name() {
     );
     config(
         "[plant.plate]\norigin_m = [0.5, 0.0, 0.3]\n",
-        &[
-            "remove plant.plate.origin_m",
-            "[[cell.placements]]\norigin_m = [0.5, 0.0, 0.3]",
-        ],
+        &["plant", "origin_m", "placement_error"],
     );
     config("[plant]\npreset = \"gentle\"\n", &["gentle", "typical"]);
     refused(folder, &["robot", "show", "iiwa99"], &["iiwa99", "give one of"]);

@@ -108,6 +108,9 @@ pub struct Calibration {
     /// Whether the robot's description has no masses, so that assumed ones gave
     /// the load its shape (and compliance is relative to them).
     pub assumed_masses: bool,
+    /// How far the sizes of lengths and twists are from ordinary ones, in standard deviations.
+    #[serde(skip)]
+    pub(crate) strangeness: f64,
     /// Covariance of the free parameters, in the order in which
     /// [`Self::parameters`] lists them, SI units.
     #[serde(skip)]
@@ -404,6 +407,7 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
         effective_parameters: fit.effective,
         log_evidence: fit.log_evidence,
         assumed_masses: nominal.assumed(),
+        strangeness: fit.strangeness,
         inner: Inner {
             layout: layout.clone(),
             state: state.clone(),

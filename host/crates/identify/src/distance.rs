@@ -326,6 +326,7 @@ impl DistanceProblem {
             covariance,
             log_evidence: f64::NAN,
             nu: 0.0,
+            strangeness: 0.0,
             identifiability,
         };
         finish(experiment, options, Model::Geometry, fit)

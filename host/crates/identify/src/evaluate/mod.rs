@@ -48,7 +48,7 @@ use crate::verdict::{Evidence, verdict};
 use nalgebra::Vector3;
 
 use crate::causes::Course;
-use crate::hierarchy::constants::{HOPELESS, POSTURES};
+use crate::hierarchy::constants::{HOPELESS, POSTURES, STRANGE};
 use crate::statement::{Statement, judging_rows, measured_rows};
 use crate::{GeometryOnly, IdentifyError, Method};
 use evaluation::predicted;
@@ -342,7 +342,7 @@ fn plausible(recordings: &Recordings, fit: &ChosenFit) -> Result<(), EvaluateErr
         .iter()
         .map(|joint| joint.mdh.a.abs() + joint.mdh.d.abs())
         .sum();
-    if median <= HOPELESS * reach {
+    if median <= HOPELESS * reach && fit.calibration.strangeness < STRANGE {
         return match fit.nominal.median_turn_rad {
             Some(turn) if turn > HOPELESS_RAD => Err(EvaluateError::NotThisOrientation {
                 median_deg: turn.to_degrees(),

@@ -91,3 +91,6 @@ pub(crate) const SURE: f64 = 0.95;
 /// Median residual of a fit, as a share of the arm's length, beyond which the rows are not those of this robot: 10 mm of an arm
 /// of 1 m. Printed arms leave a fifth of it; a wrong order of the joints leaves a tenth of the arm.
 pub(crate) const HOPELESS: f64 = 0.01;
+/// Standard deviations of the hyperprior from which lengths or twists are those of another arm, or of another unit: 40 mm and
+/// 40 mrad. Dropped and printed arms stay below two.
+pub(crate) const STRANGE: f64 = 4.0;

@@ -56,6 +56,8 @@ pub(crate) struct Fit {
     pub(crate) log_evidence: f64,
     /// Degrees of freedom of Student's t; 0 for normal noise.
     pub(crate) nu: f64,
+    /// See [`Sizes::strangeness`].
+    pub(crate) strangeness: f64,
     pub(crate) identifiability: Identifiability,
 }
 
@@ -176,6 +178,7 @@ pub(crate) fn fit(
         covariance,
         log_evidence,
         nu: noise.nu,
+        strangeness: sizes.strangeness(),
         identifiability,
     })
 }

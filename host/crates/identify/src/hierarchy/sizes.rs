@@ -179,6 +179,13 @@ impl Sizes {
         moved
     }
 
+    /// How far the sizes of lengths and twists are from ordinary ones, in standard deviations of their hyperpriors: that
+    /// of the farther one. Far off, the arm is not the one that was described.
+    pub(crate) fn strangeness(&self) -> f64 {
+        let shape = self.0.iter().filter(|size| matches!(size.family, Family::Lengths | Family::Twists));
+        shape.map(|size| (size.size / size.ordinary).ln() / size.spread).fold(0.0, f64::max)
+    }
+
     /// Minus the logarithm of the hyperprior, up to a constant.
     pub(crate) fn penalty(&self) -> f64 {
         let of = |size: &Size| 0.5 * ((size.size / size.ordinary).ln() / size.spread).powi(2);

@@ -65,13 +65,16 @@ impl Statement {
         let joints = noise * self.joint_share + self.work.joint_square;
         let rest = noise * (1.0 - self.joint_share);
         let discrepancy = self.off(&self.work, &tcp_m).norm_squared() / count;
+        // The draws hold what the sum does not: the tails, the rows' own part in the fit, and errors outside of the model.
+        let drawn = self.work.draws.norm_squared() / (count * self.work.draws.ncols().max(1) as f64);
+        let scale = drawn / (whole + self.work.joint_square).max(1e-300);
         let certified = self.kinds.iter().any(|name| name.starts_with("sphere"));
         let squares = [
-            (certified, Source::Plate, plate),
-            (self.contacts, Source::Seating, seating + rest),
-            (!self.contacts, Source::Instrument, rest),
-            (true, Source::EncoderNoise, joints),
-            (true, Source::OpenParameters, open),
+            (certified, Source::Plate, plate * scale),
+            (self.contacts, Source::Seating, (seating + rest) * scale),
+            (!self.contacts, Source::Instrument, rest * scale),
+            (true, Source::EncoderNoise, joints * scale),
+            (true, Source::OpenParameters, open * scale),
             (true, Source::ModelDiscrepancy, discrepancy),
         ];
         let there = squares.iter().filter(|s| s.0);

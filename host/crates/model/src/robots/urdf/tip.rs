@@ -321,7 +321,7 @@ impl<'u> Arms<'u> {
     /// The question for a tip.
     fn ask(&self, candidates: &[&str]) -> RobotFileError {
         let (found, names) = if candidates.is_empty() {
-            ("none", String::new())
+            ("none, because no joint moves an arm", String::new())
         } else {
             (
                 "several could be meant",
