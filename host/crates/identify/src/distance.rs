@@ -14,9 +14,10 @@ use nalgebra::{DMatrix, Matrix3, Vector3};
 use spherecal_shared::robot::Tool;
 
 use super::algorithm1::{Columns, Scaling, position_jacobian, reduce};
-use super::calibration::{Calibration, finish};
+use super::calibration::Calibration;
 use super::chain::{Prepared, State};
 use super::error::IdentifyError;
+use super::finish::finish;
 use super::hierarchy::{FEWEST, Fit, prepare, register};
 use super::identifiability::analyse;
 use super::load::Nominal;

@@ -58,6 +58,7 @@ mod distance;
 mod error;
 mod errors;
 pub mod evaluate;
+mod finish;
 mod flange;
 mod geometry_only;
 mod hierarchy;
@@ -86,6 +87,7 @@ pub mod study;
 mod target_fit;
 mod targets;
 pub mod validate;
+mod values;
 pub mod verdict;
 mod workspace;
 
@@ -134,11 +136,11 @@ pub fn identify(experiment: &Experiment, options: &Options) -> Result<Calibratio
     match options.method {
         Method::Full => {
             let fit = hierarchy::fit(experiment, options, options.model, |_| true)?;
-            Ok(calibration::finish(experiment, options, options.model, fit))
+            Ok(finish::finish(experiment, options, options.model, fit))
         }
         Method::Geometry => {
             let fit = hierarchy::fit(experiment, options, Model::Geometry, |_| true)?;
-            Ok(calibration::finish(experiment, options, Model::Geometry, fit))
+            Ok(finish::finish(experiment, options, Model::Geometry, fit))
         }
         Method::Lm | Method::GaussNewton => distance::identify(experiment, options),
         Method::NelderMead | Method::NelderMeadScaled => paper::identify(experiment, options),

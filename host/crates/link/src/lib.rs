@@ -2,8 +2,7 @@
 //!
 //! Vocabulary: the *drive* moves the joints (the simulated plant, an external simulator, the
 //! gateway of a real arm). The *controller* is the firmware, wherever it runs. The *cell* is both
-//! in lock-step, one control period after the other. The *endpoint* is the host's end of the host
-//! link.
+//! in lock-step, one control period after the other. The *endpoint* is the host's end of its link.
 //!
 //! ```text
 //!   campaign ─ HostEndpoint ──bytes──▶ Controller ◀─DriveState── Drive
@@ -24,8 +23,7 @@
 //!
 //! The host steps a [`Device`]: a cell, or the far end of a socket.
 //!
-//! The host link carries bytes in every mode, also within one process. So every run exercises
-//! framing, numbering, acknowledgement and repetition.
+//! The host link carries bytes in every mode, so every run exercises framing and repetition.
 
 mod cell;
 mod endpoint;

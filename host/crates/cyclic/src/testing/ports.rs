@@ -4,10 +4,10 @@ use std::cell::Cell;
 use std::collections::VecDeque;
 use std::io::{Error, ErrorKind, Read, Result, Write};
 use std::net::SocketAddr;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use super::world::{State, World, local};
-use crate::machine::{Datagrams, Listener, Stream};
+use super::world::{Connection, Event, State, World, local};
+use crate::machine::{Datagrams, Listener, Machine, Process, Running, Stream};
 
 /// A port for datagrams.
 #[derive(Debug)]
@@ -103,21 +103,6 @@ impl Drop for VirtualListener {
     }
 }
 
-/// What is on its way between two ends.
-#[derive(Debug)]
-pub(super) struct Connection {
-    /// For each end: the bytes that it has not read.
-    bytes: [VecDeque<u8>; 2],
-    pub(super) open: bool,
-}
-
-impl Default for Connection {
-    fn default() -> Self {
-        let bytes = Default::default();
-        Self { bytes, open: true }
-    }
-}
-
 /// One end of a connection.
 #[derive(Debug)]
 pub(super) struct VirtualStream {
@@ -206,5 +191,60 @@ impl Stream for VirtualStream {
 impl Drop for VirtualStream {
     fn drop(&mut self) {
         self.close();
+    }
+}
+
+impl Machine for World {
+    fn now(&self) -> Instant {
+        self.state().now
+    }
+
+    fn sleep(&self, time: Duration) {
+        self.wait(time, |_| false);
+    }
+
+    fn pause(&self) {
+        self.sleep(Duration::from_micros(1));
+    }
+
+    fn datagrams(&self, at: SocketAddr) -> Result<Box<dyn Datagrams>> {
+        let mut state = self.state();
+        let at = state.free(at)?;
+        state.inboxes.insert(at.port(), VecDeque::new());
+        Ok(Box::new(Port::new(self.clone(), at)))
+    }
+
+    fn listen(&self, at: SocketAddr) -> Result<Box<dyn Listener>> {
+        let mut state = self.state();
+        let at = state.free(at)?;
+        state.listeners.insert(at.port(), VecDeque::new());
+        Ok(Box::new(VirtualListener::new(self.clone(), at)))
+    }
+
+    fn connect(&self, to: SocketAddr, timeout: Duration) -> Result<Box<dyn Stream>> {
+        if self.is_out() {
+            self.sleep(timeout);
+            return Err(Error::new(ErrorKind::TimedOut, "the cable is out"));
+        }
+        let mut state = self.state();
+        let number = state.number();
+        let refused = || Error::from(ErrorKind::ConnectionRefused);
+        state
+            .listeners
+            .get_mut(&to.port())
+            .ok_or_else(refused)?
+            .push_back(number);
+        state.connections.insert(number, Connection::default());
+        drop(state);
+        Ok(Box::new(VirtualStream::client(self.clone(), number)))
+    }
+
+    fn run(&self, _name: &str, process: Box<dyn Process>) -> Result<Running> {
+        let mut state = self.state();
+        let (number, now) = (state.number(), state.now);
+        let of = process;
+        state.plan(now, Event::Turn { process: number, of });
+        let world = self.clone();
+        Ok(Running::until(move || world.end(number)))
     }
 }

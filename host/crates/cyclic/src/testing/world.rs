@@ -11,7 +11,7 @@
 //! Exactly one thread may wait. Ports are those of one machine; the address of a port does not matter.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::io::{Error, ErrorKind, Result};
+use std::io::{ErrorKind, Result};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -20,8 +20,7 @@ use std::time::{Duration, Instant};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use super::ports::{Connection, Port, VirtualListener, VirtualStream};
-use crate::machine::{Datagrams, Listener, Machine, Process, Running, Stream};
+use crate::machine::{Machine, Process};
 
 /// The longest wait: longer than any test.
 const LONGEST: Duration = Duration::from_hours(24);
@@ -42,7 +41,7 @@ pub struct Faults {
 }
 
 /// What happens at its time.
-enum Event {
+pub(super) enum Event {
     Datagram { from: u16, to: u16, bytes: Vec<u8> },
     Turn { process: u64, of: Box<dyn Process> },
     Action(Box<dyn FnOnce() + Send>),
@@ -50,7 +49,7 @@ enum Event {
 
 /// Everything that the lock of a world guards. Nothing that was handed in is dropped or called under it.
 pub(super) struct State {
-    now: Instant,
+    pub(super) now: Instant,
     events: BTreeMap<(Instant, u64), Event>,
     /// Number of the next event, process or connection.
     next: u64,
@@ -206,7 +205,7 @@ impl World {
     }
 
     /// Ends a process, unless it has ended.
-    fn end(&self, process: u64) {
+    pub(super) fn end(&self, process: u64) {
         let mut state = self.state();
         if let Some((turning, ended)) = &mut state.turning
             && *turning == process
@@ -224,7 +223,7 @@ impl World {
 }
 
 impl State {
-    fn plan(&mut self, due: Instant, event: Event) {
+    pub(super) fn plan(&mut self, due: Instant, event: Event) {
         let number = self.number();
         self.events.insert((due, number), event);
     }
@@ -235,7 +234,7 @@ impl State {
     }
 
     /// The port that was asked for, or a free one.
-    fn free(&mut self, asked: SocketAddr) -> Result<SocketAddr> {
+    pub(super) fn free(&mut self, asked: SocketAddr) -> Result<SocketAddr> {
         let taken = |state: &Self, port: u16| state.inboxes.contains_key(&port) || state.listeners.contains_key(&port);
         let mut port = asked.port();
         if port == 0 {
@@ -251,64 +250,24 @@ impl State {
     }
 }
 
+/// What is on its way between two ends.
+#[derive(Debug)]
+pub(super) struct Connection {
+    /// For each end: the bytes that it has not read.
+    pub(super) bytes: [VecDeque<u8>; 2],
+    pub(super) open: bool,
+}
+
+impl Default for Connection {
+    fn default() -> Self {
+        let bytes = Default::default();
+        Self { bytes, open: true }
+    }
+}
+
 /// The address of a port, as its peers see it.
 pub(super) fn local(port: u16) -> SocketAddr {
     SocketAddr::from((Ipv4Addr::LOCALHOST, port))
-}
-
-impl Machine for World {
-    fn now(&self) -> Instant {
-        self.state().now
-    }
-
-    fn sleep(&self, time: Duration) {
-        self.wait(time, |_| false);
-    }
-
-    fn pause(&self) {
-        self.sleep(Duration::from_micros(1));
-    }
-
-    fn datagrams(&self, at: SocketAddr) -> Result<Box<dyn Datagrams>> {
-        let mut state = self.state();
-        let at = state.free(at)?;
-        state.inboxes.insert(at.port(), VecDeque::new());
-        Ok(Box::new(Port::new(self.clone(), at)))
-    }
-
-    fn listen(&self, at: SocketAddr) -> Result<Box<dyn Listener>> {
-        let mut state = self.state();
-        let at = state.free(at)?;
-        state.listeners.insert(at.port(), VecDeque::new());
-        Ok(Box::new(VirtualListener::new(self.clone(), at)))
-    }
-
-    fn connect(&self, to: SocketAddr, timeout: Duration) -> Result<Box<dyn Stream>> {
-        if self.is_out() {
-            self.sleep(timeout);
-            return Err(Error::new(ErrorKind::TimedOut, "the cable is out"));
-        }
-        let mut state = self.state();
-        let number = state.number();
-        let refused = || Error::from(ErrorKind::ConnectionRefused);
-        state
-            .listeners
-            .get_mut(&to.port())
-            .ok_or_else(refused)?
-            .push_back(number);
-        state.connections.insert(number, Connection::default());
-        drop(state);
-        Ok(Box::new(VirtualStream::client(self.clone(), number)))
-    }
-
-    fn run(&self, _name: &str, process: Box<dyn Process>) -> Result<Running> {
-        let mut state = self.state();
-        let (number, now) = (state.number(), state.now);
-        let of = process;
-        state.plan(now, Event::Turn { process: number, of });
-        let world = self.clone();
-        Ok(Running::until(move || world.end(number)))
-    }
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use super::super::LOCAL;
 use super::*;
+use crate::machine::Datagrams;
 
 const MS: Duration = Duration::from_millis(1);
 

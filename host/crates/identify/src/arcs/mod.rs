@@ -14,7 +14,7 @@ mod circle;
 mod frames;
 
 pub use circle::{Circle, CircleError, fit_circle};
-pub use frames::{LaserError, MeasuredFrames, frames_from_arcs, split_arcs};
+pub use frames::{LaserError, MeasuredFrames, frames_from_arcs};
 
 use serde::{Deserialize, Serialize};
 
@@ -34,4 +34,41 @@ pub struct MeasuredArc {
     pub joint: usize,
     /// What was measured, in the order of motion.
     pub measured: Vec<Measured>,
+}
+
+/// Splits a series of measurements into arcs. A new arc begins when another joint starts to turn.
+/// Steps below 3 mrad count as rest.
+pub fn split_arcs(measured: &[Measured]) -> Vec<MeasuredArc> {
+    const REST_RAD: f64 = 3e-3;
+    let mut arcs: Vec<MeasuredArc> = Vec::new();
+    let mut open: Vec<Measured> = Vec::new();
+    let mut moving: Option<usize> = None;
+    let mut close = |open: &mut Vec<Measured>, moving: Option<usize>| {
+        let measured = std::mem::take(open);
+        if let Some(joint) = moving.filter(|_| measured.len() > 1) {
+            arcs.push(MeasuredArc {
+                joint: joint + 1,
+                measured,
+            });
+        }
+    };
+    for m in measured {
+        if let Some(previous) = open.last() {
+            let turned: Vec<usize> = (0..m.q.len().min(previous.q.len()))
+                .filter(|i| (m.q[*i] - previous.q[*i]).abs() > REST_RAD)
+                .collect();
+            match (turned.as_slice(), moving) {
+                ([], _) => {}
+                ([joint], None) => moving = Some(*joint),
+                ([joint], Some(same)) if *joint == same => {}
+                _ => {
+                    close(&mut open, moving);
+                    moving = None;
+                }
+            }
+        }
+        open.push(m.clone());
+    }
+    close(&mut open, moving);
+    arcs
 }

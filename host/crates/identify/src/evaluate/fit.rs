@@ -8,7 +8,7 @@ use super::thin::only;
 use super::{EvaluateError, EvaluateOptions};
 use crate::causes::{self, Causes, Course};
 use crate::hierarchy::constants::ROWS_PER_SEAT;
-use crate::{Calibration, Experiment, Method, Model, Options, Override, Target, calibration, hierarchy, identify};
+use crate::{Calibration, Experiment, Method, Model, Options, Override, Target, finish, hierarchy, identify};
 
 /// A tool further than this (m) from what was said is taken from the data.
 const TOOL_FAR_M: f64 = 0.005;
@@ -97,7 +97,7 @@ pub(super) fn fit(
             let mut fit = hierarchy::fit(&own, &options, model, |_| true)?;
             let course = course.of_rows(&used);
             let causes = causes::explain(&mut fit, &own, &options, &course)?;
-            (calibration::finish(&own, &options, model, fit), causes)
+            (finish::finish(&own, &options, model, fit), causes)
         }
         _ => (identify(&own, &options)?, Causes::default()),
     };

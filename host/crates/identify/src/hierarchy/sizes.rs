@@ -182,8 +182,13 @@ impl Sizes {
     /// How far the sizes of lengths and twists are from ordinary ones, in standard deviations of their hyperpriors: that
     /// of the farther one. Far off, the arm is not the one that was described.
     pub(crate) fn strangeness(&self) -> f64 {
-        let shape = self.0.iter().filter(|size| matches!(size.family, Family::Lengths | Family::Twists));
-        shape.map(|size| (size.size / size.ordinary).ln() / size.spread).fold(0.0, f64::max)
+        let shape = self
+            .0
+            .iter()
+            .filter(|size| matches!(size.family, Family::Lengths | Family::Twists));
+        shape
+            .map(|size| (size.size / size.ordinary).ln() / size.spread)
+            .fold(0.0, f64::max)
     }
 
     /// Minus the logarithm of the hyperprior, up to a constant.

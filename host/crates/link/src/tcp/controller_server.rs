@@ -14,7 +14,7 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
-use spherecal_shared::protocol::frame::{self, MAX_FRAME};
+use spherecal_shared::protocol::frame::MAX_FRAME;
 
 use super::TcpError;
 use super::greeting::{SILENT, WHO, gives_way, hello_frame};
