@@ -105,8 +105,7 @@ pub struct IdentifyArgs {
     /// Options as TOML: noise, priors and fixed parameters, harmonics.
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
-    /// Expect the errors of an arm without a factory calibration, such as a Franka: joint offsets of 20 mrad, lengths of
-    /// 1 mm, twists of 3 mrad (1 sigma). A prior in --config stays.
+    /// Not needed any more, and without effect: the data find how large the arm's errors are.
     #[arg(long, requires = "data")]
     pub uncalibrated: bool,
     /// Names and numbers for page one of the report: a file with the block [certificate], such as the cell's
@@ -166,7 +165,7 @@ fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<StudyRequest
         options.model = args.model;
     }
     if args.uncalibrated {
-        options.parameters.expect_uncalibrated();
+        errln!("spherecal: --uncalibrated is not needed any more: the data find how large the arm's errors are");
     }
     if let Some(seed) = args.seed {
         options.seed = seed;

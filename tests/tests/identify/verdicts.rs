@@ -19,9 +19,8 @@ use spherecal::sim::worlds::World;
 use spherecal_lab::worlds::{ContactPose, Trial, planned_poses, record_plant};
 
 /// Checks that name a cause.
-const CAUSES: [&str; 13] = [
+const CAUSES: [&str; 11] = [
     "certificate",
-    "certificate_scale",
     "plate_slip",
     "plate_drift",
     "sphere_moved",
@@ -32,7 +31,6 @@ const CAUSES: [&str; 13] = [
     "backlash",
     "place",
     "payload",
-    "tool_orientation",
 ];
 
 /// What is wrong with a cell, besides what its world says.

@@ -67,17 +67,17 @@ fn apply(table: &mut [Parameter], name: &str, set: &Override) -> Result<(), Iden
         found = true;
         parameter.nominal = set.nominal.unwrap_or(parameter.nominal);
         if let Some(sigma) = set.prior_sigma {
-            parameter.reason = match set.stated_sigma {
-                Some(_) => "chosen by the evidence of the data",
-                None => "set by the user",
+            parameter.reason = if set.open {
+                "the tolerance of the robot's description; the data find the actual size"
+            } else {
+                "set by the user"
             };
-            parameter.set_by_user = true;
+            parameter.set_by_user = !set.open;
             parameter.prior_sigma = match parameter.kind {
                 // A group's prior keeps the decay with the order.
                 Kind::Cosine(_, k) | Kind::Sine(_, k) if group => sigma / k as f64,
                 _ => sigma,
             };
-            parameter.stated_sigma = set.stated_sigma.unwrap_or(parameter.prior_sigma);
         }
         if let Some(free) = set.free {
             parameter.free = free;

@@ -102,9 +102,6 @@ pub struct Parameter {
     pub nominal: f64,
     /// Standard deviation before the data are seen.
     pub prior_sigma: f64,
-    /// The same as it was stated: the default or the user's, also where the data chose a wider one.
-    /// A parameter that is many of these away is that of another arm.
-    pub stated_sigma: f64,
     /// Whether it is estimated.
     pub free: bool,
     /// Whether the user set the prior, which is then not widened.
@@ -128,10 +125,10 @@ pub struct Override {
     /// Estimated (`true`) or held at its nominal value.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub free: Option<bool>,
-    /// What counts as stated where the data chose `prior_sigma`; see [`Parameter::stated_sigma`]. No user
-    /// sets it.
+    /// Whether the prior is only the ordinary size, as a robot's description states it: the data find the actual one. No
+    /// user sets it.
     #[serde(skip)]
-    pub stated_sigma: Option<f64>,
+    pub open: bool,
 }
 
 /// Overrides by name: in TOML a table, as in

@@ -52,7 +52,7 @@ impl Overrides {
         }
     }
 
-    /// Takes a robot's own tolerances as priors. A prior that the user set stays.
+    /// Takes a robot's own tolerances as ordinary sizes. A prior that the user set stays.
     pub fn expect_tolerances(&mut self, tolerances: &Tolerances) {
         let groups = [
             ("a", tolerances.length_m),
@@ -63,7 +63,10 @@ impl Overrides {
         for (group, sigma) in groups {
             if let Some(sigma) = sigma {
                 let set = self.0.entry(group.to_owned()).or_default();
-                set.prior_sigma.get_or_insert(sigma);
+                if set.prior_sigma.is_none() {
+                    set.prior_sigma = Some(sigma);
+                    set.open = true;
+                }
             }
         }
     }
@@ -169,7 +172,6 @@ pub(crate) fn default_of(kind: Kind, experiment: &Experiment, layout: &Layout) -
         unit,
         nominal,
         prior_sigma,
-        stated_sigma: prior_sigma,
         free: !fixed,
         set_by_user: false,
         reason,
