@@ -110,22 +110,7 @@ fn row(title: &str, m: &ModelSummary) -> String {
 
 pub(super) fn verdict(summary: &Summary) -> String {
     let v = &summary.verdict;
-    let mut out = match (v.may_be_used, v.improvement) {
-        (true, Some(share)) => format!(
-            "The calibration may be used: {:.0} % of the mean error is gone{}.\n",
-            share * 100.0,
-            if summary.validation.models.is_empty() {
-                ", by the expected error over the workspace"
-            } else {
-                ", by the laser tracker"
-            }
-        ),
-        (true, None) => "The calibration may be used.\n".to_owned(),
-        (false, _) => "The calibration is NOT to be trusted.\n".to_owned(),
-    };
-    if summary.simulated {
-        out.insert_str(0, "SIMULATED. ");
-    }
+    let mut out = format!("{}\n", v.headline);
     if let Some(e) = &v.expected_error_mm {
         let _ = writeln!(out, "{}", expected_words(e));
     }

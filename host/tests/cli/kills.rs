@@ -49,13 +49,21 @@ pub(crate) fn measure(folder: &Path, out: &Path, link: &str, resume: bool) -> Ch
 
 /// Everything that a database holds of its one run but for the times on the
 /// wall, the numbers that tell hosts apart, and the force traces of contacts.
-pub(crate) fn contents(database: &Path) -> String {
+fn contents(database: &Path) -> String {
+    compared(database, true)
+}
+
+/// The same; the sessions only where they are asked for.
+pub(crate) fn compared(database: &Path, sessions: bool) -> String {
     let mut store = SqlStore::open(database).expect("the database is whole");
     let info = store.require_last_run().expect("a run");
     assert_eq!(info.run, 1);
     let mut run = store.read_run(1).expect("read");
     for session in &mut run.sessions {
         session.wall_s = 0.0;
+    }
+    if !sessions {
+        run.sessions.clear();
     }
     run.handshakes.clear();
     format!("{run:?}\n{}\n{:?}", info.config_toml, info.state)

@@ -1,5 +1,5 @@
-//! The verdict on wrong inputs, as a user without a laser tracker meets it: what the data
-//! contradict is refused with its reason, and what they do not is stated as large as it is.
+//! The verdict on wrong inputs, as a user without a laser tracker meets it: what the data contradict is named with its
+//! reason and held by the stated error, and what they do not tell is stated as large as it is.
 //!
 //! The rows come from a simulated arm; the program sees only what a user's file holds.
 
@@ -139,6 +139,16 @@ impl Case {
         serde_json::from_str::<Value>(&summary).expect("JSON")["verdict"].take()
     }
 
+    /// Whether the cause is said and the stated error is larger than `sound` (mm).
+    fn named(&self, sound: f64, words: &[&str]) {
+        let output = self.identify(&[]);
+        let said = text(&output.stdout) + &text(&output.stderr);
+        for word in words {
+            assert!(said.contains(word), "\"{word}\" is not said: {said}");
+        }
+        assert!(mean(&self.verdict()) > 1.5 * sound, "sound {sound} mm: {said}");
+    }
+
     fn refused(&self, output: &Output, code: i32, words: &[&str]) {
         let said = text(&output.stdout) + &text(&output.stderr);
         assert_eq!(output.status.code(), Some(code), "{words:?}: {said}");
@@ -175,8 +185,8 @@ fn slow_sound_contacts_may_be_used_up_to_their_accuracy() {
     assert_eq!(output.status.code(), Some(0), "{said}");
     let first = said.lines().next().expect("a headline");
     let verdict = case.verdict();
-    let expected = format!("expected error over the workspace {:.3} mm", mean(&verdict));
-    assert!(first.contains(&expected) && first.contains("nominally"), "{first}");
+    let expected = format!("-> {:.2} mm (expected, work region", mean(&verdict));
+    assert!(first.contains(&expected) && first.contains("OK to use"), "{first}");
     case.refused(
         &case.identify(&["--accuracy-mm", "0.01"]),
         3,
@@ -189,29 +199,29 @@ fn slow_sound_contacts_may_be_used_up_to_their_accuracy() {
     );
 }
 
-// Fails if a wrong coordinate or scale of the certificate, another arm's model, or an
-// encoder that jumped may be used, or is refused without its cause.
+// Fails if a wrong coordinate or scale of the certificate, or an encoder that jumped or drifted, is not named, or does
+// not widen the stated error; if the model of another arm changes the result; or if distances are not asked for.
 #[test]
 #[ignore = "slow: the gate runs it"]
-fn slow_contradicted_inputs_are_refused_with_their_cause() {
+fn slow_contradicted_inputs_are_named_and_widen_the_error() {
+    let case = Case::new(&SOUND, &PLATE);
+    assert_eq!(case.identify(&[]).status.code(), Some(0));
+    let sound = mean(&case.verdict());
+
     let mut plate = PLATE;
     plate[2][0] += 1.0;
     let case = Case::new(&SOUND, &plate);
-    case.refused(
-        &case.identify(&[]),
-        3,
-        &["the certificate of sphere 3 is wrong", "data.csv line"],
-    );
+    case.named(sound, &["the certificate of sphere 3 is wrong", "data.csv line"]);
 
     let case = Case::new(&SOUND, &PLATE.map(|p| p.map(|x| x * 1.0033)));
-    case.refused(&case.identify(&[]), 3, &["the certificate's scale is wrong"]);
+    case.named(sound, &["the certificate's scale is wrong: +3."]);
 
+    // Its lengths differ by 20 mm, which the contacts tell.
     let case = Case::new(&SOUND, &PLATE);
-    case.refused(
-        &case.identify_as("iiwa14", &[]),
-        3,
-        &["check that the robot's description is that of this arm"],
-    );
+    let output = case.identify_as("iiwa14", &[]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let other = mean(&case.verdict());
+    assert!((other / sound - 1.0).abs() < 0.2, "{other} mm, {sound} mm");
     let output = spherecal(case.path(), &["identify", "--robot", "iiwa14", "--data", "data.csv"]);
     case.refused(&output, 2, &["--plate", "no scale"]);
 
@@ -220,7 +230,7 @@ fn slow_contradicted_inputs_are_refused_with_their_cause() {
         contact.q[1] += 3e-3;
     }
     let case = Case::new(&jumped, &PLATE);
-    case.refused(&case.identify(&[]), 3, &["the encoder of joint 2 jumped"]);
+    case.named(sound, &["the encoder of joint 2 jumped"]);
 
     let mut drifting = SOUND.clone();
     let last = drifting.len() as f64;
@@ -228,7 +238,7 @@ fn slow_contradicted_inputs_are_refused_with_their_cause() {
         contact.q[1] += 3e-3 * k as f64 / last;
     }
     let case = Case::new(&drifting, &PLATE);
-    case.refused(&case.identify(&[]), 3, &["the encoder of joint 2 drifted"]);
+    case.named(sound, &["the encoder of joint 2 drifted"]);
 }
 
 /// The contacts where the tool centre is displaced by `by(index)` (F0, m): the arm follows.
@@ -255,21 +265,23 @@ fn displaced(by: impl Fn(usize) -> Vector3<f64>) -> Vec<Contact> {
     contacts
 }
 
-// Fails if a plate that slipped or drifted, or a sphere that moved between two visits, may be
-// used, or is refused without its cause and size.
+// Fails if a plate that slipped or drifted is not named with its size, or does not widen the stated error.
 #[test]
 #[ignore = "long: scripts/test --long runs it"]
-fn long_plates_that_moved_are_refused_with_their_cause() {
+fn long_plates_that_moved_are_named_with_their_cause() {
+    let case = Case::new(&SOUND, &PLATE);
+    case.identify(&[]);
+    let sound = mean(&case.verdict());
     let half = SOUND.len() / 2;
     for (mm, words) in [(1.0, "the plate slipped by"), (10.0, "the plate slipped by")] {
         let aside = Vector3::new(-0.6, 0.8, 0.0) * (mm * 1e-3);
         let case = Case::new(&displaced(|k| if k < half { Vector3::zeros() } else { aside }), &PLATE);
-        case.refused(&case.identify(&[]), 3, &[words, "data.csv line"]);
+        case.named(sound, &[words, "data.csv line"]);
     }
     let aside = Vector3::new(1e-3, 0.0, 0.0);
     let last = SOUND.len() as f64;
     let case = Case::new(&displaced(|k| aside * (k as f64 / last)), &PLATE);
-    case.refused(&case.identify(&[]), 3, &["the plate drifted by"]);
+    case.named(sound, &["the plate drifted by"]);
 }
 
 // Fails if rows that cannot tell the scale may be used, if copies of rows make the result
@@ -351,7 +363,7 @@ fn not_trusted(poses: &str, words: &[&str]) {
     let said = text(&output.stdout);
     assert_eq!(output.status.code(), Some(3), "{said}{}", text(&output.stderr));
     assert!(
-        said.contains("SIMULATED. The calibration is NOT to be trusted"),
+        said.contains("SIMULATED iiwa7: ") && said.contains("DO NOT USE."),
         "{said}"
     );
     for word in words {

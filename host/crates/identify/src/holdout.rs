@@ -157,7 +157,9 @@ pub(crate) fn regions(experiment: &Experiment, count: usize) -> Vec<usize> {
 /// Everything that [`super::identify`] refuses, and a split with fewer than two parts.
 pub fn holdout(experiment: &Experiment, options: &Options, split: &Split) -> Result<Holdout, IdentifyError> {
     held_out(experiment, options, split, |experiment, options, model, of, part| {
-        hierarchy::fit(experiment, options, model, |i| of.get(i) != Some(&part))
+        hierarchy::fit(experiment, options, model, hierarchy::Scale::Known, |i| {
+            of.get(i) != Some(&part)
+        })
     })
 }
 

@@ -135,11 +135,11 @@ pub fn identify(experiment: &Experiment, options: &Options) -> Result<Calibratio
     options.check()?;
     match options.method {
         Method::Full => {
-            let fit = hierarchy::fit(experiment, options, options.model, |_| true)?;
+            let fit = hierarchy::fit(experiment, options, options.model, hierarchy::Scale::Known, |_| true)?;
             Ok(finish::finish(experiment, options, options.model, fit))
         }
         Method::Geometry => {
-            let fit = hierarchy::fit(experiment, options, Model::Geometry, |_| true)?;
+            let fit = hierarchy::fit(experiment, options, Model::Geometry, hierarchy::Scale::Known, |_| true)?;
             Ok(finish::finish(experiment, options, Model::Geometry, fit))
         }
         Method::Lm | Method::GaussNewton => distance::identify(experiment, options),

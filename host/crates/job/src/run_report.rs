@@ -128,7 +128,7 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
     ));
     Headline {
         trusted: s.verdict.may_be_used,
-        sentence,
+        sentence: format!("{} {sentence}", s.verdict.headline),
         reasons: s.verdict.reasons.clone(),
         next: s.verdict.next.clone(),
         figures,

@@ -207,7 +207,7 @@ pub fn study_report(study: &Study, created: &str, certificate: &Certificate) -> 
         certificate: Some(certificate.clone()),
         headline: Headline {
             trusted: v.may_be_used,
-            sentence,
+            sentence: format!("{} {sentence}", v.headline),
             reasons: v.reasons.clone(),
             next: v.next.clone(),
             figures,

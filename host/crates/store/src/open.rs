@@ -10,9 +10,9 @@ use tokio::runtime::Runtime;
 
 #[cfg(feature = "postgres")]
 use super::StoreLocation;
-use super::file::{
-    MIGRATIONS, PATIENCE, SCHEMA_VERSION, bring_file_forward, check, is_fresh, make, refuse_foreign, sync_folder,
-};
+#[cfg(feature = "postgres")]
+use super::file::MIGRATIONS;
+use super::file::{PATIENCE, SCHEMA_VERSION, bring_file_forward, check, is_fresh, make, refuse_foreign, sync_folder};
 use super::lock::identity;
 use super::log::refuse_damaged;
 use super::{DatabaseKind, SqlStore, StoreError};

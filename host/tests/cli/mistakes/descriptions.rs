@@ -79,7 +79,7 @@ pub(super) fn mistakes() -> Vec<Mistake> {
             "a directory",
             "x",
             "",
-            &["is a folder without an MCAP file"],
+            &["is a folder without a file in MCAP or SQLite"],
         ),
         with(
             &["--robot", "ur5e", "--data", "/dev/zero"],

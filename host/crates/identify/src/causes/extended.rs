@@ -14,7 +14,7 @@ use crate::error::IdentifyError;
 pub(crate) struct Extended {
     /// `[X A]`, 3n x (m + k), the columns of causes times the sigmas of their priors.
     pub(crate) w: DMatrix<f64>,
-    /// `Wᵀ W` and `Wᵀ y`.
+    /// `Wᵀ W` and `Wᵀ y`, with what the orientations add.
     n: DMatrix<f64>,
     wy: DVector<f64>,
     /// Columns of `X`.
@@ -28,12 +28,13 @@ impl Extended {
     }
 
     fn of(w: DMatrix<f64>, linear: &Linear, m: usize) -> Self {
-        Self {
-            n: transposed_product(&w, &w),
-            wy: w.tr_mul(&linear.y),
-            w,
-            m,
-        }
+        let mut n = transposed_product(&w, &w);
+        let mut of_fit = n.view_mut((0, 0), (m, m));
+        of_fit += &linear.rest;
+        let mut wy = w.tr_mul(&linear.y);
+        let mut of_fit = wy.rows_mut(0, m);
+        of_fit += &linear.rest_y;
+        Self { n, wy, w, m }
     }
 
     /// The same model with further whitened columns (3n) and the sigmas of their priors.

@@ -11,9 +11,10 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-use crate::chain::Kinematics;
+use crate::chain::{Kinematics, Prepared};
+use crate::dense::transposed_product;
 use crate::hierarchy::Fit;
-use crate::normal::{Root, WhitenedTarget, whitened_rows};
+use crate::normal::{Root, WhitenedTarget, accumulate, groups, whitened_rows};
 use crate::parameters::Layout;
 use crate::seen::{RowPart, Seen};
 
@@ -116,6 +117,10 @@ pub(crate) struct Linear {
     pub(crate) scale: Vec<f64>,
     /// The estimate that the fit gave, in units of [`Self::scale`].
     pub(crate) estimate: DVector<f64>,
+    /// Information of what is no row here (orientations), m x m.
+    pub(crate) rest: DMatrix<f64>,
+    /// Its right side: with it the mean of the model without causes is the estimate.
+    pub(crate) rest_y: DVector<f64>,
 }
 
 impl Linear {
@@ -177,7 +182,12 @@ impl Linear {
         }
         let estimate = DVector::from_fn(m, |i, _| unknowns.deviation[i] / scale[i]);
         y.gemv(1.0, &x, &estimate, 1.0);
+        let own = transposed_product(&x, &x);
+        let rest = information(fit, &chosen, &scale) - &own;
+        let rest_y = (&own + &rest) * &estimate + &estimate - x.tr_mul(&y);
         Self {
+            rest,
+            rest_y,
             x,
             y,
             rows,
@@ -202,4 +212,17 @@ impl Linear {
         }
         out
     }
+}
+
+/// Information of the chosen observations about the unknowns, all their parts, in units of `scale`.
+fn information(fit: &Fit, chosen: &[usize], scale: &[f64]) -> DMatrix<f64> {
+    let prepared: Vec<Prepared> = chosen.iter().map(|&of| fit.prepared[of].clone()).collect();
+    let weights: Vec<f64> = chosen.iter().map(|&of| fit.weights[of]).collect();
+    let of = groups(&prepared);
+    let all = accumulate(&fit.state, &fit.layout, &prepared, &of, &fit.whitening, &weights).matrix;
+    let columns = &fit.unknowns.columns;
+    DMatrix::from_fn(columns.len(), columns.len(), |r, c| {
+        let (row, column) = (columns[r].max(columns[c]), columns[r].min(columns[c]));
+        all[(row, column)] * scale[r] * scale[c]
+    })
 }

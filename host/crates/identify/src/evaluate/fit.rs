@@ -94,7 +94,7 @@ pub(super) fn fit(
                 Method::Geometry => Model::Geometry,
                 _ => options.model,
             };
-            let mut fit = hierarchy::fit(&own, &options, model, |_| true)?;
+            let mut fit = hierarchy::fit(&own, &options, model, hierarchy::Scale::Doubted, |_| true)?;
             let course = course.of_rows(&used);
             let causes = causes::explain(&mut fit, &own, &options, &course)?;
             (finish::finish(&own, &options, model, fit), causes)

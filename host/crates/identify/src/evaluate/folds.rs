@@ -9,12 +9,12 @@ use rayon::prelude::*;
 use super::fit::{ChosenFit, fit};
 use super::groups::{Derived, groups, without_only_contacts};
 use super::thin::thinned;
-use super::{EvaluateError, EvaluateOptions};
+use super::{EvaluateError, EvaluateOptions, geometry_of};
 use crate::flange::Flange;
 use crate::judge::{Fold, HeldOut, Judged, Predictor, judge};
 use crate::judge_targets::{BodyOrientation, ToolPredictor};
 use crate::recordings::Judge;
-use crate::{Options, Pose, Recordings, Reference, Target};
+use crate::{GeometryOnly, Options, Pose, Recordings, Reference, Target};
 
 /// Folds of the cross-validation that stands in where no validation was given.
 pub(super) const FOLDS: usize = 5;
@@ -24,13 +24,17 @@ pub(super) const FOLD_ROWS: usize = 20_000;
 /// Most values of a hold-out column: each takes a fit.
 const MOST_HELD_OUT: usize = 200;
 
-/// The models that are judged: nominal geometry, calibrated, and the calibrated
-/// table alone.
-fn predictors<'a>(flanges: (&'a Flange, &'a Flange), fit: &'a ChosenFit) -> Vec<Predictor<'a>> {
+/// The models that are judged: nominal geometry, calibrated, and the geometry alone that files hold.
+fn predictors<'a>(
+    flanges: (&'a Flange, &'a Flange),
+    fit: &'a ChosenFit,
+    geometry: &'a GeometryOnly,
+) -> Vec<Predictor<'a>> {
     let frames: Vec<(Reference, Pose)> = fit.calibration.frames.iter().map(|f| (f.reference, f.base)).collect();
     let calibration = &fit.calibration;
-    let (given, tcp) = (fit.nominal.tcp_m, calibration.tool.tcp());
+    let (given, tcp) = (fit.nominal.tcp_m, geometry.tool.tcp());
     let (before, after) = (flanges.0, flanges.1);
+    let in_base = move |q: &[f64], point: &Vector3<f64>| geometry.base.point(&after.at(q).point(point));
     let targets = calibration.targets.len().saturating_sub(1);
     vec![
         Predictor {
@@ -63,16 +67,16 @@ fn predictors<'a>(flanges: (&'a Flange, &'a Flange), fit: &'a ChosenFit) -> Vec<
         },
         Predictor {
             name: "calibrated_table_only",
-            tcp_m: Box::new(move |q, _| after.at(q).point(&tcp)),
+            tcp_m: Box::new(move |q, _| in_base(q, &tcp)),
             frames,
             tool: ToolPredictor {
                 targets,
                 target_m: Some(Box::new(move |number, q, _| {
                     let place = calibration.targets.get(number).map(|t| t.place_m);
-                    after.at(q).point(&Vector3::from(place.unwrap_or_default()))
+                    in_base(q, &Vector3::from(place.unwrap_or_default()))
                 })),
                 body: calibration.orientation.map(|_| -> BodyOrientation<'a> {
-                    Box::new(move |q, _| after.at(q).rotation * calibration.body_in_flange())
+                    Box::new(move |q, _| geometry.base.rotation * after.at(q).rotation * calibration.body_in_flange())
                 }),
             },
         },
@@ -80,13 +84,15 @@ fn predictors<'a>(flanges: (&'a Flange, &'a Flange), fit: &'a ChosenFit) -> Vec<
 }
 
 /// Judges rows by a fit.
-pub(super) fn judged(recordings: &Recordings, fit: &ChosenFit, judges: &[Judge<'_>], by: &str) -> Judged {
-    let (before, after) = (
-        Flange::new(&recordings.experiment.robot),
-        Flange::new(&fit.calibration.robot),
-    );
+pub(super) fn judged(
+    recordings: &Recordings,
+    (fit, geometry): (&ChosenFit, &GeometryOnly),
+    judges: &[Judge<'_>],
+    by: &str,
+) -> Judged {
+    let (before, after) = (Flange::new(&recordings.experiment.robot), Flange::new(&geometry.robot));
     judge(
-        &predictors((&before, &after), fit),
+        &predictors((&before, &after), fit, geometry),
         judges,
         &recordings.experiment.spheres,
         recordings.closed_loop(),
@@ -109,10 +115,11 @@ fn folds(
             let rest: Vec<usize> = train.iter().copied().filter(|i| !held.contains(i)).collect();
             let rest = thinned(&recordings.experiment, &rest, FOLD_ROWS);
             let fit = fit(&recordings.experiment, asked, options, &rest, None)?;
+            let geometry = geometry_of(recordings, &fit, None)?;
             let judges: Vec<Judge<'_>> = out.iter().map(|&i| recordings.judge(i, i)).collect();
             Ok(Fold {
                 value: value.clone(),
-                judged: judged(recordings, &fit, &judges, value),
+                judged: judged(recordings, (&fit, &geometry), &judges, value),
             })
         })
         .collect()

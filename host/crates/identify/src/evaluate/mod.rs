@@ -83,6 +83,8 @@ pub fn evaluate(
     if options.align {
         plausible(recordings, &fit)?;
     }
+    let statement = statement_of(recordings, options, &fit);
+    let geometry = geometry_of(recordings, &fit, statement.as_ref())?;
     let mut notes = Vec::new();
     note_rejected(recordings, &fit, &mut notes);
     if let Some((copy, first)) = repeated.first() {
@@ -122,7 +124,7 @@ pub fn evaluate(
             fits: 1,
             rows: judges.len(),
         });
-        let (judged, off) = judged_aside(recordings, &fit, &judges, &mut notes);
+        let (judged, off) = judged_aside(recordings, (&fit, &geometry), &judges, &mut notes);
         realigned_mm = off;
         Some(judged)
     };
@@ -135,8 +137,6 @@ pub fn evaluate(
     };
     let closed_loop = recordings.closed_loop();
     let predicted_mm = predicted(recordings, &fit.calibration, cross_validated, closed_loop);
-    let statement = statement_of(recordings, options, &fit);
-    let geometry = geometry_of(recordings, &fit, statement.as_ref())?;
     let verdict = verdict(&Evidence {
         recordings,
         options: &fit.options,
@@ -297,7 +297,7 @@ fn cross_validation(
 /// not in the frame that was said; with how far (mm) they were off as a whole then.
 fn judged_aside(
     recordings: &Recordings,
-    fit: &ChosenFit,
+    fit: (&ChosenFit, &GeometryOnly),
     judges: &[Judge<'_>],
     notes: &mut Vec<String>,
 ) -> (Judged, Option<f64>) {

@@ -59,6 +59,13 @@ pub(crate) const TAILS_RANGE: (f64, f64) = (2.5, 100.0);
 /// Least noise of a joint (rad) and of an instrument (m, or rad of an orientation): the resolution of the best.
 pub(crate) const LEAST_NOISE: (f64, f64) = (1e-7, 1e-6);
 
+/// Size of the scale from which a second search begins: a wrong unit, temperature or stylus of the instrument, 0.3 %.
+pub(crate) const WRONG_SCALE: f64 = 3e-3;
+/// Largest scale that is a mistake of the instrument; beyond, the search has shrunk the arm.
+pub(crate) const LARGEST_SCALE: f64 = 0.03;
+/// Standard deviations beyond which a scale is called wrong: by chance once in 1.7 million.
+pub(crate) const SCALE_SIGMAS: f64 = 5.0;
+
 /// Rounds before the sizes are updated: Gauss-Newton must reach the data first.
 pub(crate) const FIRST_ROUNDS: usize = 3;
 /// Most rounds. Trials needed 10 to 40.

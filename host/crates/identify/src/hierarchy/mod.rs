@@ -18,9 +18,9 @@ mod start;
 use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
 
-use self::constants::{FIRST_ROUNDS, ROUNDS, SETTLED};
+use self::constants::{FIRST_ROUNDS, LARGEST_SCALE, ROUNDS, SETTLED, WRONG_SCALE};
 use self::noise::{RowsNoise, Seen as SeenRows};
-use self::sizes::Sizes;
+use self::sizes::{Family, Sizes};
 use self::start::{check_targets, start_state};
 pub(crate) use self::start::{measured, prepare, register};
 use super::chain::{Prepared, State};
@@ -30,7 +30,7 @@ use super::load::Nominal;
 use super::normal::{Group, Normal, Whitening, accumulate, distances, groups, log_determinant};
 use super::options::{Model, Options};
 use super::parameter_table::table;
-use super::parameters::{Layout, Parameter};
+use super::parameters::{Kind, Layout, Parameter};
 use super::solve::{Posterior, Unknowns};
 use spherecal_model::{Experiment, Set};
 
@@ -88,6 +88,15 @@ impl Fit {
     }
 }
 
+/// Whether a scale may be as wrong as a mistake makes it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Scale {
+    /// It is as good as its prior says, by a small factor.
+    Known,
+    /// A second search tries a mistake.
+    Doubted,
+}
+
 /// Fits `model` to the observations that `wanted` names.
 ///
 /// # Errors
@@ -96,6 +105,7 @@ pub(crate) fn fit(
     experiment: &Experiment,
     options: &Options,
     model: Model,
+    scale: Scale,
     wanted: impl Fn(usize) -> bool,
 ) -> Result<Fit, IdentifyError> {
     let nominal = Nominal::new(&experiment.robot, &experiment.tool);
@@ -137,9 +147,14 @@ pub(crate) fn fit(
     };
     let identifiability = search.identifiability(experiment, options)?;
     let found = search.run()?;
+    let found = match scale {
+        Scale::Known => found,
+        Scale::Doubted => found.or_with_a_wrong_scale()?,
+    };
+    let log_evidence = found.log_evidence();
     let Found {
         search,
-        posterior,
+        posterior: _,
         mut covariance,
     } = found;
     let Search {
@@ -151,12 +166,7 @@ pub(crate) fn fit(
         unknowns,
         ..
     } = search;
-    let d2 = distances(&state, &layout, &prepared, &noise.whitening);
     let numbers: f64 = prepared.iter().map(Prepared::numbers).sum();
-    let rows: f64 = d2.iter().map(|row| row.shape(1.0, noise.nu)).sum();
-    let log_evidence = posterior.log_evidence_at(&unknowns, rows)
-        + log_determinant(&state, &layout, &prepared, &noise.whitening)
-        - sizes.penalty();
     let effective = Posterior::effective(&unknowns, &covariance).min(numbers);
     about_base(&mut covariance, &unknowns, &layout, &state);
     let mut table = table;
@@ -184,6 +194,7 @@ pub(crate) fn fit(
 }
 
 /// A search in progress.
+#[derive(Clone)]
 struct Search<'a> {
     layout: &'a Layout,
     table: &'a [Parameter],
@@ -202,6 +213,45 @@ struct Found<'a> {
     search: Search<'a>,
     posterior: Posterior,
     covariance: DMatrix<f64>,
+}
+
+impl<'a> Found<'a> {
+    /// Log evidence (Laplace) at the estimated noise, up to a constant of the data.
+    fn log_evidence(&self) -> f64 {
+        let Search {
+            state,
+            layout,
+            prepared,
+            noise,
+            unknowns,
+            sizes,
+            ..
+        } = &self.search;
+        let d2 = distances(state, layout, prepared, &noise.whitening);
+        let rows: f64 = d2.iter().map(|row| row.shape(1.0, noise.nu)).sum();
+        self.posterior.log_evidence_at(unknowns, rows) + log_determinant(state, layout, prepared, &noise.whitening)
+            - sizes.penalty()
+    }
+
+    /// This, or a search from here with a scale that is as wrong as a mistake makes it, whichever has the more evidence. A
+    /// single small parameter holds its own size down, so that the first search does not find this mode.
+    fn or_with_a_wrong_scale(self) -> Result<Self, IdentifyError> {
+        let mut search = self.search.clone();
+        if !search.sizes.set(Family::Scale, WRONG_SCALE) {
+            return Ok(self);
+        }
+        // An arm that shrinks to nothing with its targets fits everything.
+        let fits = |wide: &Found<'_>| wide.scale().abs() < LARGEST_SCALE && wide.log_evidence() > self.log_evidence();
+        Ok(search.run().ok().filter(fits).unwrap_or(self))
+    }
+
+    /// The estimated scale.
+    fn scale(&self) -> f64 {
+        let unknowns = &self.search.unknowns;
+        let mut pairs = unknowns.columns.iter().zip(unknowns.deviation.iter());
+        let scale = pairs.find(|(column, _)| self.search.table[**column].kind == Kind::Scale);
+        scale.map_or(0.0, |(_, deviation)| *deviation)
+    }
 }
 
 impl<'a> Search<'a> {

@@ -139,6 +139,12 @@ impl Sizes {
         Self(sizes)
     }
 
+    /// Gives the group of a family another size. `false` without that group.
+    pub(crate) fn set(&mut self, family: Family, size: f64) -> bool {
+        let group = self.0.iter_mut().find(|group| group.family == family);
+        group.map(|group| group.size = size).is_some()
+    }
+
     /// Writes the priors that follow from the sizes.
     pub(crate) fn apply(&self, unknowns: &mut Unknowns) {
         for size in &self.0 {

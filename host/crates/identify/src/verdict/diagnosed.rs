@@ -3,12 +3,12 @@
 
 use super::{Check, Evidence};
 use crate::causes::{Family, Finding, ScatteredPlace};
-use crate::hierarchy::constants::SURE;
+use crate::hierarchy::constants::{SCALE_SIGMAS, SURE};
 
 /// Rows that are named of a cause that concerns many.
 const NAMED_ROWS: usize = 2;
 /// What is done about a cause.
-const TAKEN: &str = "the fit and the stated error hold it";
+const TAKEN: &str = "The fit and the stated error hold it";
 
 /// Adds the checks.
 pub(super) fn diagnosed(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
@@ -18,6 +18,7 @@ pub(super) fn diagnosed(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
     over_the_work_region(evidence, checks);
     causes(evidence, checks);
     places(evidence, checks);
+    scale(evidence, checks);
     spheres(evidence, checks);
 }
 
@@ -74,6 +75,35 @@ fn places(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
         )
         .qualifying(),
     );
+}
+
+/// Whether the scale of the instrument or the certificate is right.
+fn scale(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
+    let all = &evidence.calibration.parameters;
+    let Some(scale) = all.iter().find(|p| p.name == "scale" && p.free && p.sigma > 0.0) else {
+        return;
+    };
+    let sigmas = (scale.estimate / scale.sigma).abs();
+    let (of, next) = if evidence.recordings.closed_loop() {
+        (
+            "the certificate's",
+            "compare the plate file with its certificate: units, temperature, distances",
+        )
+    } else {
+        ("the instrument's", "compare its units, temperature and settings")
+    };
+    let found = format!(
+        "{:+.2} ± {:.2} parts per thousand",
+        scale.estimate * 1e3,
+        scale.sigma * 1e3
+    );
+    let right = sigmas <= SCALE_SIGMAS;
+    let words = if right {
+        format!("{of} scale is right ({found})")
+    } else {
+        format!("{of} scale is wrong: {found} ({sigmas:.1} sigma). {TAKEN}: {next}")
+    };
+    checks.push(Check::new("scale", Some(sigmas), Some(SCALE_SIGMAS), right, words).qualifying());
 }
 
 /// A cause with the rows that it concerns, what it does, and what to do about it.
