@@ -231,7 +231,7 @@ pub(crate) fn identify(
             notes: Vec::new(),
         };
         let study = study_of(&request, sources, &mut |_| {})?;
-        let texts = calibrated(&study)?;
+        let texts = calibrated(&study);
         Ok(NativeIdentification {
             study,
             texts,

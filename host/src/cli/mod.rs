@@ -152,7 +152,7 @@ fn execute(cli: Cli) -> Result<Exit, CliError> {
         Some(CliCommand::History(args)) => history::history(&args),
         Some(CliCommand::Trend(args)) => history::trend(&args),
         Some(CliCommand::Config(args)) => stages::config(&args),
-        Some(CliCommand::Conform(args)) => conform::run(&args),
+        Some(CliCommand::Conform(args)) => Ok(conform::run(&args)),
         Some(CliCommand::Doctor(args)) => doctor::run(&args),
         Some(CliCommand::Completions(args)) => shell::completions(&args, Cli::command()),
         Some(CliCommand::Man(args)) => shell::man(&args, Cli::command()),

@@ -149,7 +149,9 @@ fn mistakes_are_named_with_the_option_that_corrects_them() {
     let header = "q1,q2,q3,q4,q5,q6,x_mm,y_mm,z_mm";
     let changed = |change: &dyn Fn(&mut Vec<f64>)| {
         let mut rows = sound.clone();
-        rows.iter_mut().for_each(|row| change(&mut row.0));
+        for row in &mut rows {
+            change(&mut row.0);
+        }
         table(header, &rows, ",", 1.0, mm)
     };
     for (data, options) in [

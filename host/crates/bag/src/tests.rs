@@ -478,7 +478,7 @@ fn poses_of_every_type_are_points() {
     for (kind, message, pair) in cases {
         let mut bag = TestBag::new(folder.path());
         joints(&mut bag, 4, |bag, rest, time| {
-            bag.put("/t", kind, "cdr", time, &message(time, rest))
+            bag.put("/t", kind, "cdr", time, &message(time, rest));
         });
         let path = bag.finish();
         let mut named = Wanted {

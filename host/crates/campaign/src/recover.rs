@@ -316,7 +316,7 @@ impl<'a> Campaign<'a> {
         session.see(SEEN_S)?;
         let free = self.sits_at(session).is_none() && self.is_straight(session, target);
         if free || session.sample().is_none() {
-            return session.to_rest(what, self.motion_limit());
+            return session.come_to_rest(what, self.motion_limit());
         }
         // A fault that came meanwhile is reported by the next command.
         session.stop_at_once()?;

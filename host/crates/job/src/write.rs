@@ -69,7 +69,7 @@ pub(crate) fn write_results(folder: &Path, results: &Results<'_>) -> Result<File
         path: folder.display().to_string(),
         source,
     })?;
-    let texts = calibrated_texts(results)?;
+    let texts = calibrated_texts(results);
     let mut files = Files {
         moved: keep_other_robots(folder, results.summary)?,
         ..Files::default()
@@ -108,10 +108,7 @@ pub struct CalibratedTexts {
 }
 
 /// Writes the calibrated robot as text.
-///
-/// # Errors
-/// A geometry alone that does not converge.
-pub(crate) fn calibrated_texts(results: &Results<'_>) -> Result<CalibratedTexts, JobError> {
+pub(crate) fn calibrated_texts(results: &Results<'_>) -> CalibratedTexts {
     let Results {
         nominal, evaluation, ..
     } = results;
@@ -121,13 +118,13 @@ pub(crate) fn calibrated_texts(results: &Results<'_>) -> Result<CalibratedTexts,
     model.tool.tcp_m = model.tcp_in_flange(alone.tool.tcp_m);
     let rows = model.rows();
     let notes = notes(results, &model);
-    Ok(CalibratedTexts {
+    CalibratedTexts {
         toml: toml_file::write(&model, &notes) + &effects_toml(results),
         urdf: write_urdf_with_tcp(nominal, &rows, &notes, &model.tool.tcp_m),
         kinematics_yaml: write_kinematics_yaml(nominal, &rows, &notes),
         offsets_yaml: write_offsets_yaml(nominal, &rows, &notes),
         model,
-    })
+    }
 }
 
 /// Whether the geometry alone is better than the nominal robot over the work region; a file that is not is not written.

@@ -306,8 +306,9 @@ pub(crate) async fn note_request(request: Request, next: Next) -> Response {
     // files, which have a dot in their name too, are in the program itself.
     let ends = !request.uri().path().contains('.') || request.uri().path().contains(".CalibrationStore/");
     let response = next.run(request).await;
-    match ends {
-        true => proof.responses.hold(response, proof.connection),
-        false => response,
+    if ends {
+        proof.responses.hold(response, proof.connection)
+    } else {
+        response
     }
 }

@@ -58,9 +58,12 @@ type Sums = [u32; 2];
 fn summed(mut sums: Sums, bytes: &[u8], little: bool) -> Sums {
     let (words, _) = bytes.as_chunks::<4>();
     for pair in words.chunks_exact(2) {
-        let [a, b] = [pair[0], pair[1]].map(|word| match little {
-            true => u32::from_le_bytes(word),
-            false => u32::from_be_bytes(word),
+        let [a, b] = [pair[0], pair[1]].map(|word| {
+            if little {
+                u32::from_le_bytes(word)
+            } else {
+                u32::from_be_bytes(word)
+            }
         });
         sums[0] = sums[0].wrapping_add(a).wrapping_add(sums[1]);
         sums[1] = sums[1].wrapping_add(b).wrapping_add(sums[0]);
@@ -80,9 +83,10 @@ impl Log {
         let frames = [true, false].map(|little| frames_of(&bytes, little));
         let sound = |frames: &[Frame]| frames.iter().filter(|frame| frame.sound).count();
         let [(page, frames), (other, others)] = frames;
-        let (page, frames) = match sound(&others) > sound(&frames) {
-            true => (other, others),
-            false => (page, frames),
+        let (page, frames) = if sound(&others) > sound(&frames) {
+            (other, others)
+        } else {
+            (page, frames)
         };
         (!frames.is_empty()).then_some(Self { bytes, page, frames })
     }
@@ -153,10 +157,7 @@ fn frames_of(bytes: &[u8], little: bool) -> (usize, Vec<Frame>) {
     };
     let all = bytes.get(HEADER..).unwrap_or_default();
     // A damaged header does not state the log's salts; the first frame does.
-    let salts = match sound {
-        true => stored(header, 16),
-        false => stored(all, 8),
-    };
+    let salts = if sound { stored(header, 16) } else { stored(all, 8) };
     // What the next frame's checksum may continue: the stored sum of the frame before, or the computed one.
     let mut before = [stored(header, 24), computed];
     let (mut frames, mut read, mut sound_before) = (Vec::new(), sound, sound);

@@ -94,11 +94,11 @@ impl Session<'_> {
         if let Some(report) = self.carry_out(what, command)? {
             return Ok(Some(report));
         }
-        self.to_rest(what, limit_s)
+        self.come_to_rest(what, limit_s)
     }
 
     /// Waits until the arm rests after the last command, for at most `limit_s` (s). Returns the fault, if one came.
-    pub(crate) fn to_rest(&mut self, what: &str, limit_s: f64) -> Result<Option<FaultReport>, CampaignError> {
+    pub(crate) fn come_to_rest(&mut self, what: &str, limit_s: f64) -> Result<Option<FaultReport>, CampaignError> {
         match self.wait(what, limit_s, |s| s.rests().then_some(()))? {
             Waited::Got(()) => Ok(None),
             Waited::Fault(report) => Ok(Some(report)),

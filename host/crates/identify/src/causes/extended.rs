@@ -34,7 +34,7 @@ impl Extended {
         let mut wy = w.tr_mul(&linear.y);
         let mut of_fit = wy.rows_mut(0, m);
         of_fit += &linear.rest_y;
-        Self { n, wy, w, m }
+        Self { w, n, wy, m }
     }
 
     /// The same model with further whitened columns (3n) and the sigmas of their priors.

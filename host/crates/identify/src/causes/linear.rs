@@ -186,13 +186,13 @@ impl Linear {
         let rest = information(fit, &chosen, &scale) - &own;
         let rest_y = (&own + &rest) * &estimate + &estimate - x.tr_mul(&y);
         Self {
-            rest,
-            rest_y,
             x,
             y,
             rows,
             scale,
             estimate,
+            rest,
+            rest_y,
         }
     }
 

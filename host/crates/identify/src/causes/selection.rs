@@ -178,12 +178,11 @@ impl<'a> Selection<'a> {
     /// false findings, whatever its size, so that a cause with one test is not lost among those with many. The load
     /// is one test with a chance of its own.
     fn tests(&self, alternative: &Alternative) -> f64 {
-        match alternative {
-            Alternative::Payload => 0.0,
-            _ => {
-                let own = self.sizes.get(&alternative.family()).copied().unwrap_or(1);
-                ((self.sizes.len() * own) as f64).ln()
-            }
+        if alternative == &Alternative::Payload {
+            0.0
+        } else {
+            let own = self.sizes.get(&alternative.family()).copied().unwrap_or(1);
+            ((self.sizes.len() * own) as f64).ln()
         }
     }
 

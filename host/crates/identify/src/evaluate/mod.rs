@@ -219,12 +219,11 @@ fn geometry_of(
         nominal.tool.tcp_m = fit.nominal.tcp_m.into();
     }
     let whole;
-    let postures = match statement {
-        Some(statement) => statement.work_postures(),
-        None => {
-            whole = crate::halton_configurations(&nominal.robot, POSTURES);
-            &whole
-        }
+    let postures = if let Some(statement) = statement {
+        statement.work_postures()
+    } else {
+        whole = crate::halton_configurations(&nominal.robot, POSTURES);
+        &whole
     };
     Ok(GeometryOnly::of(&fit.calibration, &nominal, postures, statement)?)
 }

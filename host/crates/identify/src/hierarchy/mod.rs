@@ -149,7 +149,7 @@ pub(crate) fn fit(
     let found = search.run()?;
     let found = match scale {
         Scale::Known => found,
-        Scale::Doubted => found.or_with_a_wrong_scale()?,
+        Scale::Doubted => found.or_with_a_wrong_scale(),
     };
     let log_evidence = found.log_evidence();
     let Found {
@@ -215,7 +215,7 @@ struct Found<'a> {
     covariance: DMatrix<f64>,
 }
 
-impl<'a> Found<'a> {
+impl Found<'_> {
     /// Log evidence (Laplace) at the estimated noise, up to a constant of the data.
     fn log_evidence(&self) -> f64 {
         let Search {
@@ -235,14 +235,14 @@ impl<'a> Found<'a> {
 
     /// This, or a search from here with a scale that is as wrong as a mistake makes it, whichever has the more evidence. A
     /// single small parameter holds its own size down, so that the first search does not find this mode.
-    fn or_with_a_wrong_scale(self) -> Result<Self, IdentifyError> {
+    fn or_with_a_wrong_scale(self) -> Self {
         let mut search = self.search.clone();
         if !search.sizes.set(Family::Scale, WRONG_SCALE) {
-            return Ok(self);
+            return self;
         }
         // An arm that shrinks to nothing with its targets fits everything.
         let fits = |wide: &Found<'_>| wide.scale().abs() < LARGEST_SCALE && wide.log_evidence() > self.log_evidence();
-        Ok(search.run().ok().filter(fits).unwrap_or(self))
+        search.run().ok().filter(fits).unwrap_or(self)
     }
 
     /// The estimated scale.

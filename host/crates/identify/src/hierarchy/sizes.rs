@@ -93,7 +93,7 @@ pub(crate) struct Size {
     /// Standard deviation of its logarithm.
     spread: f64,
     /// The present size.
-    pub(crate) size: f64,
+    pub(crate) now: f64,
     /// Weights of seats, by three members, of Student's t: a coupling that sat badly does not make the others uncertain.
     weights: Vec<f64>,
 }
@@ -121,19 +121,18 @@ impl Sizes {
             let Some((family, factor)) = Family::of(parameter) else {
                 continue;
             };
-            match sizes.iter_mut().find(|size| size.family == family) {
-                Some(size) => size.members.push((at, factor)),
-                None => {
-                    let ordinary = ordinary_of(family, parameter.prior_sigma / factor);
-                    sizes.push(Size {
-                        family,
-                        members: vec![(at, factor)],
-                        ordinary,
-                        spread: spread_of(family),
-                        size: ordinary,
-                        weights: Vec::new(),
-                    });
-                }
+            if let Some(size) = sizes.iter_mut().find(|size| size.family == family) {
+                size.members.push((at, factor));
+            } else {
+                let ordinary = ordinary_of(family, parameter.prior_sigma / factor);
+                sizes.push(Size {
+                    family,
+                    members: vec![(at, factor)],
+                    ordinary,
+                    spread: spread_of(family),
+                    now: ordinary,
+                    weights: Vec::new(),
+                });
             }
         }
         Self(sizes)
@@ -142,14 +141,14 @@ impl Sizes {
     /// Gives the group of a family another size. `false` without that group.
     pub(crate) fn set(&mut self, family: Family, size: f64) -> bool {
         let group = self.0.iter_mut().find(|group| group.family == family);
-        group.map(|group| group.size = size).is_some()
+        group.map(|group| group.now = size).is_some()
     }
 
     /// Writes the priors that follow from the sizes.
     pub(crate) fn apply(&self, unknowns: &mut Unknowns) {
         for size in &self.0 {
             for (k, &(at, factor)) in size.members.iter().enumerate() {
-                unknowns.precision[at] = size.weight(k) * (size.size * factor).powi(-2);
+                unknowns.precision[at] = size.weight(k) * (size.now * factor).powi(-2);
             }
         }
     }
@@ -164,7 +163,7 @@ impl Sizes {
             let squares: Vec<f64> = size.members.iter().map(square).collect();
             if size.family == Family::Seats {
                 let of_seat =
-                    |seat: &[f64]| (SEATS_NU + 3.0) / (SEATS_NU + seat.iter().sum::<f64>() / size.size.powi(2));
+                    |seat: &[f64]| (SEATS_NU + 3.0) / (SEATS_NU + seat.iter().sum::<f64>() / size.now.powi(2));
                 size.weights = squares.chunks(3).map(of_seat).collect();
             }
             let sum: f64 = squares
@@ -177,10 +176,10 @@ impl Sizes {
                 size.members.len() as f64,
                 size.ordinary.ln(),
                 size.spread,
-                size.size.ln(),
+                size.now.ln(),
             );
-            moved = moved.max((next - size.size.ln()).abs());
-            size.size = next.exp();
+            moved = moved.max((next - size.now.ln()).abs());
+            size.now = next.exp();
         }
         moved
     }
@@ -193,13 +192,13 @@ impl Sizes {
             .iter()
             .filter(|size| matches!(size.family, Family::Lengths | Family::Twists));
         shape
-            .map(|size| (size.size / size.ordinary).ln() / size.spread)
+            .map(|size| (size.now / size.ordinary).ln() / size.spread)
             .fold(0.0, f64::max)
     }
 
     /// Minus the logarithm of the hyperprior, up to a constant.
     pub(crate) fn penalty(&self) -> f64 {
-        let of = |size: &Size| 0.5 * ((size.size / size.ordinary).ln() / size.spread).powi(2);
+        let of = |size: &Size| 0.5 * ((size.now / size.ordinary).ln() / size.spread).powi(2);
         self.0.iter().map(of).sum()
     }
 }

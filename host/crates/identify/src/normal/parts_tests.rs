@@ -213,7 +213,8 @@ fn equations_are_those_of_the_dense_covariance() {
     }
     let off = (&found.matrix - &matrix).amax() / matrix.amax();
     assert!(off < 1e-9, "{off:e}");
-    for vector in [&found.gradient] {
+    {
+        let vector = &found.gradient;
         let off = (vector - &right).amax() / right.amax();
         assert!(off < 1e-9, "{off:e}");
     }

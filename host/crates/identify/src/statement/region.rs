@@ -49,7 +49,9 @@ pub(super) fn remove_means(groups: &[Vec<usize>], columns: &mut DMatrix<f64>) {
         for group in groups {
             for axis in 0..3 {
                 let mean = group.iter().map(|k| column[3 * k + axis]).sum::<f64>() / group.len().max(1) as f64;
-                group.iter().for_each(|k| column[3 * k + axis] -= mean);
+                for k in group {
+                    column[3 * k + axis] -= mean;
+                }
             }
         }
     }

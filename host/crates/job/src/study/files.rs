@@ -25,10 +25,7 @@ pub fn write_files(
 }
 
 /// The calibrated robot as [`write_files`] writes it, without writing any file.
-///
-/// # Errors
-/// A geometry alone that does not converge.
-pub fn calibrated(study: &Study) -> Result<CalibratedTexts, JobError> {
+pub fn calibrated(study: &Study) -> CalibratedTexts {
     calibrated_texts(&results(study, &Value::Null, None))
 }
 

@@ -32,6 +32,7 @@ pub(super) struct Candidate {
 }
 
 /// What a look at the waiting peers came to.
+#[expect(clippy::large_enum_variant, reason = "it lives on the stack for one look")]
 pub(super) enum Look {
     /// Nothing that matters.
     Nothing,

@@ -85,13 +85,12 @@ impl DriveServer {
                 .and_then(|()| self.in_real_time(&mut wire, &hello, &mut service));
             return counted(result, &wire, service);
         }
-        let mut state = match self.state.take() {
-            Some(state) => state,
-            None => {
-                let mut state = DriveState::default();
-                self.drive.exchange(None, &mut state)?;
-                state
-            }
+        let mut state = if let Some(state) = self.state.take() {
+            state
+        } else {
+            let mut state = DriveState::default();
+            self.drive.exchange(None, &mut state)?;
+            state
         };
         let Some(candidate) = self.earned(listener, &hello, &state)? else {
             self.state = Some(state);

@@ -22,6 +22,7 @@ const CONNECT: Duration = Duration::from_secs(5);
 const READ: Duration = Duration::from_secs(5);
 
 /// Outcome of parsing one frame.
+#[expect(clippy::large_enum_variant, reason = "frames are parsed without an allocation")]
 pub(super) enum Parsed<T> {
     /// The expected message.
     Message(Header, T),

@@ -212,7 +212,9 @@ impl Plan {
             plan.changed |= turned.is_some();
         }
         if let Some((from, _)) = turned {
-            from.iter().for_each(|&k| new[k] = Some(String::new()));
+            for &k in &from {
+                new[k] = Some(String::new());
+            }
         }
         let known = |k: usize| {
             let name = &names[k];
@@ -336,14 +338,17 @@ impl Plan {
 
 /// Whether a mapped meaning replaces the column that is usually named so.
 fn shadows(meaning: &Meaning, name: &str) -> bool {
-    match (meaning, fixed(name)) {
+    matches!(
+        (meaning, fixed(name)),
         (Meaning::Joints { .. }, Some(ColumnRole::Angle { .. }))
-        | (Meaning::Torques, Some(ColumnRole::Torque { .. }))
-        | (Meaning::Point { .. }, Some(ColumnRole::Coordinate { .. }))
-        | (Meaning::Quaternion(_) | Meaning::Turned(_), Some(ColumnRole::Quaternion(_) | ColumnRole::Rotation(_)))
-        | (Meaning::Sphere, Some(ColumnRole::Sphere))
-        | (Meaning::Place, Some(ColumnRole::Place))
-        | (Meaning::Set, Some(ColumnRole::Set)) => true,
-        _ => false,
-    }
+            | (Meaning::Torques, Some(ColumnRole::Torque { .. }))
+            | (Meaning::Point { .. }, Some(ColumnRole::Coordinate { .. }))
+            | (
+                Meaning::Quaternion(_) | Meaning::Turned(_),
+                Some(ColumnRole::Quaternion(_) | ColumnRole::Rotation(_))
+            )
+            | (Meaning::Sphere, Some(ColumnRole::Sphere))
+            | (Meaning::Place, Some(ColumnRole::Place))
+            | (Meaning::Set, Some(ColumnRole::Set))
+    )
 }

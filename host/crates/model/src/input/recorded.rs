@@ -144,47 +144,45 @@ pub fn recorded(
             out.csv.push('\n');
             continue;
         }
-        let (plan, cells, separator) = match &mut begun {
-            Some(begun) => begun,
-            None => {
-                let (mut cells, separator) = Cells::new(trimmed, said);
-                let first = cells.split(file, line, text)?;
-                let numbers = first.iter().filter(|c| is_number(c)).count();
-                let is_row = first.len() > 1 && 2 * numbers > first.len();
-                let above = comment.as_ref().filter(|_| is_row).and_then(|(words, at)| {
-                    let names = Cells::new(words, said).0.split(file, line, words).ok()?;
-                    (names.len() == first.len()).then_some((names, *at))
-                });
-                let (names, at) = match above {
-                    Some((names, at)) => {
-                        out.changed = true;
-                        out.notes
-                            .push("the names of the columns stand in a comment (#)".to_owned());
-                        (names, Some(at))
-                    }
-                    None if is_row && mapping.by_number() => {
-                        out.changed = true;
-                        ((1..=first.len()).map(|k| k.to_string()).collect(), None)
-                    }
-                    None => (first.clone(), None),
-                };
-                let plan = Plan::new(file, &names, format, mapping)?;
-                out.changed |= plan.changed || cells.blanks;
-                out.notes.extend(plan.notes.iter().cloned());
-                let header = joined(&plan.names(), separator);
-                let has_row = is_row && (at.is_some() || mapping.by_number());
-                match at {
-                    Some(at) => out.csv.insert_str(at, &header),
-                    None => {
-                        out.csv.push_str(&header);
-                        out.csv.push('\n');
-                    }
+        let (plan, cells, separator) = if let Some(begun) = &mut begun {
+            begun
+        } else {
+            let (mut cells, separator) = Cells::new(trimmed, said);
+            let first = cells.split(file, line, text)?;
+            let numbers = first.iter().filter(|c| is_number(c)).count();
+            let is_row = first.len() > 1 && 2 * numbers > first.len();
+            let above = comment.as_ref().filter(|_| is_row).and_then(|(words, at)| {
+                let names = Cells::new(words, said).0.split(file, line, words).ok()?;
+                (names.len() == first.len()).then_some((names, *at))
+            });
+            let (names, at) = match above {
+                Some((names, at)) => {
+                    out.changed = true;
+                    out.notes
+                        .push("the names of the columns stand in a comment (#)".to_owned());
+                    (names, Some(at))
                 }
-                begun = Some((plan, cells, separator));
-                match &mut begun {
-                    Some(begun) if has_row => begun,
-                    _ => continue,
+                None if is_row && mapping.by_number() => {
+                    out.changed = true;
+                    ((1..=first.len()).map(|k| k.to_string()).collect(), None)
                 }
+                None => (first.clone(), None),
+            };
+            let plan = Plan::new(file, &names, format, mapping)?;
+            out.changed |= plan.changed || cells.blanks;
+            out.notes.extend(plan.notes.iter().cloned());
+            let header = joined(&plan.names(), separator);
+            let has_row = is_row && (at.is_some() || mapping.by_number());
+            if let Some(at) = at {
+                out.csv.insert_str(at, &header);
+            } else {
+                out.csv.push_str(&header);
+                out.csv.push('\n');
+            }
+            begun = Some((plan, cells, separator));
+            match &mut begun {
+                Some(begun) if has_row => begun,
+                _ => continue,
             }
         };
         let cells = cells.split(file, line, text)?;

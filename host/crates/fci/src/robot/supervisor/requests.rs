@@ -1,6 +1,6 @@
 //! The requests of a client that are not control: each has its answer.
 
-use super::*;
+use super::{CollisionBehavior, Request, RobotSupervisor, Status};
 
 impl RobotSupervisor {
     /// Handles a request; returns its first response. `None`: the response comes later, from

@@ -37,9 +37,10 @@ const SENTENCES: [Sentence; 8] = [
             let mut host = Host::begin(address)?;
             let first = host.reply(&command(SESSION, 2))?;
             let again = host.reply(&command(SESSION, 2))?;
-            match first == again {
-                true => Ok(()),
-                false => Err(format!("{first} first, {again} for the repeat")),
+            if first == again {
+                Ok(())
+            } else {
+                Err(format!("{first} first, {again} for the repeat"))
             }
         },
     ),

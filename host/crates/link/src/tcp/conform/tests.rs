@@ -155,7 +155,7 @@ fn serve(stream: &mut TcpStream, wrong: Wrong) -> std::io::Result<()> {
         let mut frames = Vec::new();
         for byte in &buffer[..count] {
             accumulator.push(*byte, &mut |frame| {
-                frames.push(frame.and_then(frame::decode::<DriveCommand>))
+                frames.push(frame.and_then(frame::decode::<DriveCommand>));
             });
         }
         for frame in frames {

@@ -53,10 +53,12 @@ impl Urdf {
                 return Err(value_error(&self.path, end.to_owned(), name, &remedy));
             }
         }
-        let order = self.from_roots(&into);
+        let order = self.roots_first(&into);
         if order.len() < self.joints.len() {
             let mut reached = vec![false; self.joints.len()];
-            order.iter().for_each(|&i| reached[i] = true);
+            for &i in &order {
+                reached[i] = true;
+            }
             if let Some(i) = reached.iter().position(|r| !r) {
                 self.path_to(&self.joints[i].child, &into)?;
             }
@@ -101,7 +103,7 @@ impl Urdf {
     }
 
     /// The joints in an order in which each stands behind the one that carries it; joints of a loop are left out.
-    fn from_roots(&self, into: &HashMap<&str, usize>) -> Vec<usize> {
+    fn roots_first(&self, into: &HashMap<&str, usize>) -> Vec<usize> {
         let mut behind: HashMap<&str, Vec<usize>> = HashMap::new();
         for (i, joint) in self.joints.iter().enumerate() {
             behind.entry(&joint.parent).or_default().push(i);

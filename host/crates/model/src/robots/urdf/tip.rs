@@ -212,7 +212,7 @@ impl<'u> Arms<'u> {
                         .strip_suffix(s)
                         .is_some_and(|rest| !rest.ends_with(char::is_alphanumeric))
                 };
-                ends.iter().any(|s| end(s))
+                ends.iter().any(end)
             })
         };
         named(&["tool0"])
@@ -239,7 +239,7 @@ impl<'u> Arms<'u> {
             let mut next = self.behind(at);
             match (next.next(), next.next()) {
                 (Some((joint, branch)), None) if joint.motion == JointMotion::Fixed && !branch.part => {
-                    at = &joint.child
+                    at = &joint.child;
                 }
                 _ => break,
             }
