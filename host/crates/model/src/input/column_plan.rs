@@ -208,7 +208,8 @@ impl Plan {
             plan.joints_by_name(&names, format, &mut new);
         }
         if turned.is_none() && !is_mapped(|m| matches!(m, Meaning::Quaternion(_))) {
-            turned = usual(&names).filter(|(from, _)| from.iter().all(|k| new[*k].is_none()));
+            let own = |k: usize| format.joint_columns.iter().any(|n| plain(n) == names[k]);
+            turned = usual(&names).filter(|(from, _)| from.iter().all(|k| new[*k].is_none() && !own(*k)));
             plan.changed |= turned.is_some();
         }
         if let Some((from, _)) = turned {
