@@ -2,14 +2,14 @@
 //!
 //! Knows no plant, no link and no database, so that it serves any robot's data.
 //! [`identify()`] fits one model to an [`Experiment`]. [`evaluate()`] does everything
-//! around it: alignment, gross errors, choice of the model, comparison, validation,
+//! around it: alignment, gross errors, named causes, comparison, validation,
 //! and the verdict whether the result may be used.
 //!
 //! ```text
 //! files ─ study::load ─▶ Recordings ─ evaluate ─▶ Evaluation {Calibration, Verdict}
 //!
-//! Experiment ─ check ─ register ─ geometry ─ structured effects ─ Calibration
-//!              (data)  (chain)   (map · normal · solve)          (calibration)
+//! Experiment ─ check ─ register ─ hierarchy ─ causes ─ finish ─ Calibration
+//!              (data)  (chain)    (normal · solve)      (calibration)
 //! ```
 //!
 //! ```

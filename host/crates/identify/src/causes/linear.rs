@@ -119,7 +119,7 @@ pub(crate) struct Linear {
     pub(crate) estimate: DVector<f64>,
     /// Information of what is no row here (orientations), m x m.
     pub(crate) rest: DMatrix<f64>,
-    /// Its right side: with it the mean of the model without causes is the estimate.
+    /// Its right side.
     pub(crate) rest_y: DVector<f64>,
 }
 
@@ -183,8 +183,10 @@ impl Linear {
         let estimate = DVector::from_fn(m, |i, _| unknowns.deviation[i] / scale[i]);
         y.gemv(1.0, &x, &estimate, 1.0);
         let own = transposed_product(&x, &x);
-        let rest = information(fit, &chosen, &scale) - &own;
-        let rest_y = (&own + &rest) * &estimate + &estimate - x.tr_mul(&y);
+        let (all, gradient) = information(fit, &chosen, &scale);
+        let rest = all - &own;
+        let own_gradient = own * &estimate - x.tr_mul(&y);
+        let rest_y = &rest * &estimate - (gradient - own_gradient);
         Self {
             x,
             y,
@@ -214,15 +216,17 @@ impl Linear {
     }
 }
 
-/// Information of the chosen observations about the unknowns, all their parts, in units of `scale`.
-fn information(fit: &Fit, chosen: &[usize], scale: &[f64]) -> DMatrix<f64> {
+/// Information of the chosen observations about the unknowns, all their parts, and its gradient, in units of `scale`.
+fn information(fit: &Fit, chosen: &[usize], scale: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
     let prepared: Vec<Prepared> = chosen.iter().map(|&of| fit.prepared[of].clone()).collect();
     let weights: Vec<f64> = chosen.iter().map(|&of| fit.weights[of]).collect();
     let of = groups(&prepared);
-    let all = accumulate(&fit.state, &fit.layout, &prepared, &of, &fit.whitening, &weights).matrix;
+    let all = accumulate(&fit.state, &fit.layout, &prepared, &of, &fit.whitening, &weights);
     let columns = &fit.unknowns.columns;
-    DMatrix::from_fn(columns.len(), columns.len(), |r, c| {
+    let matrix = DMatrix::from_fn(columns.len(), columns.len(), |r, c| {
         let (row, column) = (columns[r].max(columns[c]), columns[r].min(columns[c]));
-        all[(row, column)] * scale[r] * scale[c]
-    })
+        all.matrix[(row, column)] * scale[r] * scale[c]
+    });
+    let gradient = DVector::from_fn(columns.len(), |i, _| all.gradient[columns[i]] * scale[i]);
+    (matrix, gradient)
 }

@@ -18,7 +18,7 @@ mod start;
 use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
 
-use self::constants::{FIRST_ROUNDS, LARGEST_SCALE, ROUNDS, SETTLED, WRONG_SCALE};
+use self::constants::{FIRST_ROUNDS, LARGEST_SCALE, ROUNDS, SCALE_EVIDENCE, SCALE_RESIDUAL, SETTLED, WRONG_SCALE};
 use self::noise::{RowsNoise, Seen as SeenRows};
 use self::sizes::{Family, Sizes};
 use self::start::{check_targets, start_state};
@@ -240,9 +240,22 @@ impl Found<'_> {
         if !search.sizes.set(Family::Scale, WRONG_SCALE) {
             return self;
         }
-        // An arm that shrinks to nothing with its targets fits everything.
-        let fits = |wide: &Found<'_>| wide.scale().abs() < LARGEST_SCALE && wide.log_evidence() > self.log_evidence();
+        // An arm that shrinks with its targets makes the noise of its joints small, and is no explanation.
+        let fits = |wide: &Found<'_>| {
+            wide.scale().abs() < LARGEST_SCALE
+                && wide.median_m() <= SCALE_RESIDUAL * self.median_m()
+                && wide.log_evidence() > self.log_evidence() + SCALE_EVIDENCE
+        };
         search.run().ok().filter(fits).unwrap_or(self)
+    }
+
+    /// Median distance of the rows from their targets, in m.
+    fn median_m(&self) -> f64 {
+        let Search { state, prepared, .. } = &self.search;
+        let distance = |row: &Prepared| state.residual(row, &state.at(row).tcp).norm();
+        let mut all: Vec<f64> = prepared.par_iter().map(distance).collect();
+        all.sort_unstable_by(f64::total_cmp);
+        all.get(all.len() / 2).copied().unwrap_or_default()
     }
 
     /// The estimated scale.
