@@ -361,7 +361,9 @@ fn a_run_is_watched_in_a_browser() {
             assert!(found["painted"][canvas].as_f64().is_some_and(|n| n > 10.0), "{found}");
         }
         assert!(
-            found["end"].as_str().is_some_and(|t| t.starts_with("SIMULATED iiwa7: ")),
+            found["end"]
+                .as_str()
+                .is_some_and(|t| t.starts_with("SIMULATED iiwa7: ")),
             "{found}"
         );
         assert_eq!(
