@@ -167,8 +167,8 @@ fn mistakes_are_named_with_the_option_that_corrects_them() {
             &["--point-factor", "25.4"],
         ),
     ] {
-        let (code, _, error) = identify(folder.path(), &data, "ur5e", &[]);
-        assert_eq!(code, Some(2), "{error}");
+        let (code, said, error) = identify(folder.path(), &data, "ur5e", &[]);
+        assert_eq!(code, Some(2), "{options:?}: {said}{error}");
         assert!(error.contains(&options.join(" ")), "{options:?}: {error}");
         let (code, out, error) = identify(folder.path(), &data, "ur5e", options);
         assert!(matches!(code, Some(0 | 3)), "{options:?}: {error}");

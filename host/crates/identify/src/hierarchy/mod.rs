@@ -18,7 +18,9 @@ mod start;
 use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
 
-use self::constants::{FIRST_ROUNDS, LARGEST_SCALE, ROUNDS, SCALE_EVIDENCE, SCALE_RESIDUAL, SETTLED, WRONG_SCALE};
+use self::constants::{
+    FIRST_ROUNDS, HOPELESS, LARGEST_SCALE, ROUNDS, SCALE_EVIDENCE, SCALE_RESIDUAL, SETTLED, WRONG_SCALE,
+};
 use self::noise::{RowsNoise, Seen as SeenRows};
 use self::sizes::{Family, Sizes};
 use self::start::{check_targets, start_state};
@@ -237,7 +239,8 @@ impl Found<'_> {
     /// single small parameter holds its own size down, so that the first search does not find this mode.
     fn or_with_a_wrong_scale(self) -> Self {
         let mut search = self.search.clone();
-        if !search.sizes.set(Family::Scale, WRONG_SCALE) {
+        // Rows that the first search does not explain, of an arm of 1 m, are not a matter of the scale.
+        if self.median_m() > HOPELESS || !search.sizes.set(Family::Scale, WRONG_SCALE) {
             return self;
         }
         // An arm that shrinks with its targets makes the noise of its joints small, and is no explanation.
