@@ -42,6 +42,12 @@ const LEAST_MISFIT_M: f64 = 1e-6;
 const JOINT_RAD: f64 = 1e-9;
 
 impl GeometryOnly {
+    /// Whether it is rather better than the nominal robot over the work region than worse; a file that is not is not
+    /// written.
+    pub fn helps(&self) -> bool {
+        self.better.is_none_or(|probability| probability >= 0.5)
+    }
+
     /// The projection of `calibration` on the geometry of `nominal` over `postures` (rad).
     ///
     /// # Errors

@@ -76,7 +76,7 @@ pub(crate) fn write_results(folder: &Path, results: &Results<'_>) -> Result<File
     };
     files.put(folder, "summary.json", &format!("{:#}\n", results.summary))?;
     files.put(folder, "calibrated.toml", &texts.toml)?;
-    if geometry_helps(results.evaluation) {
+    if results.evaluation.geometry.helps() {
         files.put(folder, "calibrated.urdf", &texts.urdf)?;
         files.put(folder, "kinematics.yaml", &texts.kinematics_yaml)?;
         files.put(folder, "offsets.yaml", &texts.offsets_yaml)?;
@@ -127,11 +127,6 @@ pub(crate) fn calibrated_texts(results: &Results<'_>) -> CalibratedTexts {
     }
 }
 
-/// Whether the geometry alone is better than the nominal robot over the work region; a file that is not is not written.
-pub(crate) fn geometry_helps(evaluation: &Evaluation) -> bool {
-    evaluation.geometry.better.is_none_or(|probability| probability >= 0.5)
-}
-
 /// The files of a result with the error that each has over the work region, for `summary.json`.
 pub(crate) fn files_json(evaluation: &Evaluation) -> serde_json::Value {
     let verdict = &evaluation.verdict;
@@ -140,7 +135,7 @@ pub(crate) fn files_json(evaluation: &Evaluation) -> serde_json::Value {
         "expected_error_mm": verdict.expected_error_mm.map(|e| e.work),
         "region": "work",
     })];
-    if geometry_helps(evaluation) {
+    if evaluation.geometry.helps() {
         files.push(serde_json::json!({
             "name": "calibrated.urdf",
             "expected_error_mm": verdict.file_error_mm.map(|e| e.work),

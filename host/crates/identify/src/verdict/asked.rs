@@ -1,7 +1,7 @@
 //! Checks of the stated error: by the accuracy that was asked for, and by rows that were
 //! measured apart.
 
-use super::{Check, Evidence};
+use super::{Check, Evidence, Expected};
 use crate::hierarchy::constants::SURE;
 
 /// A validation whose median error is beyond this many times the error that 95 % of the
@@ -13,17 +13,16 @@ const LEAST_CONTRADICTION_MM: f64 = 0.5;
 const TOO_GOOD: f64 = 1.0;
 
 /// Whether the result is as good as was asked for.
-pub(super) fn asked_accuracy(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
+pub(super) fn asked_accuracy(evidence: &Evidence<'_>, expected: Option<&Expected>, checks: &mut Vec<Check>) {
     let Some(asked) = evidence.accuracy_mm else { return };
     // Like the expected error, that of the arm's shape: where the base stands is not in it.
     let by_instrument = evidence
         .table
         .and_then(|t| t.model("sphere"))
         .map(|m| m.best_fit.mean_mm);
-    let expected = evidence.expected_error();
     let (mean, by) = match (by_instrument, expected) {
         (Some(mean), _) => (mean, "on the independent instrument's points, the base fitted to them"),
-        (None, Some(e)) => (e.mean, "expected over the work region"),
+        (None, Some(e)) => (e.own.mean, "expected over the work region"),
         (None, None) => {
             let words = "the accuracy that was asked for cannot be checked: the expected error is unknown".to_owned();
             checks.push(Check::new("asked_accuracy", None, Some(asked), false, words));
@@ -40,8 +39,7 @@ pub(super) fn asked_accuracy(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
         )
     };
     checks.push(Check::new("asked_accuracy", Some(mean), Some(asked), met, words));
-    if let (None, Some(statement)) = (by_instrument, evidence.statement) {
-        let sure = statement.probability_below(|q| evidence.calibration.tcp_m(q, None), asked);
+    if let (None, Some(sure)) = (by_instrument, expected.and_then(|e| e.asked)) {
         let words = format!("the mean error is below {asked:.3} mm with a probability of {sure:.3}");
         checks.push(Check::new(
             "asked_accuracy_sure",
@@ -54,7 +52,7 @@ pub(super) fn asked_accuracy(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
 }
 
 /// Whether rows that were measured apart agree with the stated error.
-pub(super) fn validation_agrees(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
+pub(super) fn validation_agrees(evidence: &Evidence<'_>, expected: Option<&Expected>, checks: &mut Vec<Check>) {
     if let Some(off) = evidence.realigned_mm {
         let words = format!(
             "the validation points stand {off:.0} mm from their frame as a whole; this was taken out, so they judge the \
@@ -65,7 +63,7 @@ pub(super) fn validation_agrees(evidence: &Evidence<'_>, checks: &mut Vec<Check>
     if evidence.cross_validated {
         return;
     }
-    let (Some(judged), Some(expected)) = (evidence.judged, evidence.expected_error()) else {
+    let (Some(judged), Some(expected)) = (evidence.judged, expected.map(|e| e.own)) else {
         return;
     };
     let Some(model) = judged.model("calibrated") else {

@@ -2,7 +2,7 @@
 
 use super::asked::{asked_accuracy, validation_agrees};
 use super::diagnosed::{diagnosed, probability};
-use super::{Check, Evidence};
+use super::{Check, Evidence, Expected};
 use crate::Method;
 use crate::causes::log_tail;
 use crate::residuals::OUTLIER_SIGMAS;
@@ -20,11 +20,11 @@ const NAMED: usize = 5;
 const DOUBTFUL_SEAT_MM: f64 = 1.0;
 
 /// All checks, the most important first.
-pub fn checks(evidence: &Evidence<'_>) -> Vec<Check> {
+pub(super) fn checks(evidence: &Evidence<'_>, expected: Option<&Expected>) -> Vec<Check> {
     let mut checks = Vec::new();
-    diagnosed(evidence, &mut checks);
-    asked_accuracy(evidence, &mut checks);
-    validation_agrees(evidence, &mut checks);
+    diagnosed(evidence, expected, &mut checks);
+    asked_accuracy(evidence, expected, &mut checks);
+    validation_agrees(evidence, expected, &mut checks);
     against_nominal(evidence, &mut checks);
     held_out(evidence, &mut checks);
     parameters(evidence, &mut checks);

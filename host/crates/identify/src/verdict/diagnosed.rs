@@ -1,7 +1,7 @@
 //! Checks of the posterior: which causes the data name, and whether the result is better
 //! than the nominal robot over the work region.
 
-use super::{Check, Evidence};
+use super::{Check, Evidence, Expected};
 use crate::causes::{Family, Finding, ScatteredPlace};
 use crate::hierarchy::constants::{SCALE_SIGMAS, SURE};
 
@@ -11,11 +11,9 @@ const NAMED_ROWS: usize = 2;
 const TAKEN: &str = "The fit and the stated error hold it";
 
 /// Adds the checks.
-pub(super) fn diagnosed(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
-    if evidence.statement.is_none() {
-        return;
-    }
-    over_the_work_region(evidence, checks);
+pub(super) fn diagnosed(evidence: &Evidence<'_>, expected: Option<&Expected>, checks: &mut Vec<Check>) {
+    let Some(expected) = expected else { return };
+    over_the_work_region(expected, checks);
     causes(evidence, checks);
     places(evidence, checks);
     scale(evidence, checks);
@@ -157,14 +155,8 @@ pub(super) fn probability(log10_p: f64) -> String {
 }
 
 /// Whether the calibrated robot is better than the nominal one over the work region, surely.
-fn over_the_work_region(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
-    let (Some(own), Some(before), Some(statement)) =
-        (evidence.expected_error(), evidence.nominal_error(), evidence.statement)
-    else {
-        return;
-    };
-    let nominal = evidence.nominal();
-    let sure = statement.probability_better(|q| evidence.calibration.tcp_m(q, None), |q| nominal.pose(q).position);
+fn over_the_work_region(expected: &Expected, checks: &mut Vec<Check>) {
+    let (own, before, sure) = (expected.own, expected.nominal, expected.better);
     let words = format!(
         "expected error over the work region {:.3} mm (95 % interval {:.3} to {:.3} mm), {:.3} mm for the nominal robot: \
          better with a probability of {sure:.3}",

@@ -26,7 +26,7 @@ use crate::statement::{ExpectedErrors, Statement};
 use crate::validate::ValidationTable;
 use crate::{Calibration, GeometryOnly, Options};
 
-pub use checks::checks;
+use checks::checks;
 
 /// Everything that a check may look at.
 #[derive(Clone, Copy)]
@@ -121,7 +121,7 @@ pub struct Verdict {
     /// The same of the geometry alone, as files hold it.
     pub file_error_mm: Option<ExpectedErrors>,
     /// Share of the nominal mean error that is gone: by the independent instrument, else
-    /// by rows that were measured apart, else by the expected error over the workspace;
+    /// by rows that were measured apart, else by the expected error over the work region;
     /// none where nothing judged.
     pub improvement: Option<f64>,
     /// What was checked.
@@ -139,6 +139,21 @@ pub(crate) struct Compared {
     pub(crate) calibrated: (f64, f64),
 }
 
+/// What is expected of each model.
+#[derive(Clone, Copy)]
+pub(crate) struct Expected {
+    /// Error of the calibrated robot.
+    pub(crate) own: ExpectedErrors,
+    /// Error of the nominal robot.
+    pub(crate) nominal: ExpectedErrors,
+    /// Error of the geometry alone.
+    file: ExpectedErrors,
+    /// Probability that the calibrated robot is better than the nominal one over the work region.
+    pub(crate) better: f64,
+    /// Probability that it is as good as was asked for.
+    pub(crate) asked: Option<f64>,
+}
+
 impl Evidence<'_> {
     /// The nominal robot.
     pub(crate) fn nominal(&self) -> Chain {
@@ -150,32 +165,20 @@ impl Evidence<'_> {
         Chain::unchecked(&experiment.robot, &tool)
     }
 
-    /// Expected error of the nominal robot; `None` without a statement.
-    pub(crate) fn nominal_error(&self) -> Option<ExpectedErrors> {
+    /// What the statement expects of each model, computed once; `None` without a statement.
+    fn expected(&self) -> Option<Expected> {
+        let statement = self.statement?;
         let nominal = self.nominal();
-        Some(self.statement?.expected_errors_of(|q| nominal.pose(q).position))
-    }
-
-    /// Expected error of the calibrated robot.
-    pub(crate) fn expected_error(&self) -> Option<ExpectedErrors> {
-        Some(self.statement?.expected_errors_of(|q| self.calibration.tcp_m(q, None)))
-    }
-
-    /// Expected error of the geometry alone.
-    fn file_error(&self) -> Option<ExpectedErrors> {
+        let nominal = |q: &[f64]| nominal.pose(q).position;
         let alone = Chain::unchecked(&self.geometry.robot, &self.geometry.tool);
-        Some(self.statement?.expected_errors_of(|q| alone.pose(q).position))
-    }
-
-    /// Probability that the result is better than the nominal robot, and than what was asked for.
-    pub(crate) fn probability(&self) -> Option<f64> {
-        let nominal = self.nominal();
         let own = |q: &[f64]| self.calibration.tcp_m(q, None);
-        let better = self.statement?.probability_better(own, |q| nominal.pose(q).position);
-        let asked = self
-            .accuracy_mm
-            .and_then(|mm| Some(self.statement?.probability_below(own, mm)));
-        Some(asked.map_or(better, |asked| asked.min(better)))
+        Some(Expected {
+            own: statement.expected_errors_of(own),
+            nominal: statement.expected_errors_of(nominal),
+            file: statement.expected_errors_of(|q| alone.pose(q).position),
+            better: statement.probability_better(own, nominal),
+            asked: self.accuracy_mm.map(|mm| statement.probability_below(own, mm)),
+        })
     }
 
     /// What judges best: the independent instrument with the base as it measured it,
@@ -201,52 +204,52 @@ impl Evidence<'_> {
 
 /// Judges a result by all of its evidence.
 pub fn verdict(evidence: &Evidence<'_>) -> Verdict {
-    let checks = checks(evidence);
+    let expected = evidence.expected();
+    let checks = checks(evidence, expected.as_ref());
     let failed = |refuses: bool| checks.iter().filter(move |c| !c.passed && c.refuses == refuses);
     let may_be_used = failed(true).next().is_none();
     let reasons = failed(true).chain(failed(false)).map(|c| c.words.clone()).collect();
-    let expected = evidence.expected_error();
-    let nominal = evidence.nominal_error();
     let independent = evidence.table.is_some() || (evidence.judged.is_some() && !evidence.cross_validated);
-    let means = match (independent, expected, nominal) {
-        (false, Some(expected), Some(nominal)) => Some((nominal.work.mean, expected.work.mean)),
+    let means = match (independent, expected) {
+        (false, Some(e)) => Some((e.nominal.work.mean, e.own.work.mean)),
         _ => evidence.compared().map(|c| (c.nominal.0, c.calibrated.0)),
     };
-    let file = evidence.file_error();
-    let next = next(evidence, may_be_used);
     Verdict {
-        headline: headline(evidence, may_be_used),
+        headline: headline(evidence, expected.as_ref(), may_be_used),
         may_be_used,
-        probability: evidence.probability(),
-        expected_error_mm: expected,
-        nominal_error_mm: nominal,
-        file_error_mm: file,
+        probability: expected.map(|e| e.asked.map_or(e.better, |asked| asked.min(e.better))),
+        expected_error_mm: expected.map(|e| e.own),
+        nominal_error_mm: expected.map(|e| e.nominal),
+        file_error_mm: expected.map(|e| e.file),
         improvement: means
             .filter(|(nominal, _)| *nominal > 0.0)
             .map(|(nominal, calibrated)| 1.0 - calibrated / nominal),
+        next: next(evidence, expected.as_ref(), may_be_used),
         reasons,
-        next,
         checks,
     }
 }
 
 /// Before, after, of which artefact, over which region, may it be used.
-fn headline(evidence: &Evidence<'_>, may_be_used: bool) -> String {
+fn headline(evidence: &Evidence<'_>, expected: Option<&Expected>, may_be_used: bool) -> String {
     let simulated = match &evidence.recordings.campaign {
         Some(campaign) if campaign.simulated => "SIMULATED ",
         _ => "",
     };
     let robot = &evidence.recordings.experiment.robot.name;
-    let figures = match (
-        evidence.expected_error(),
-        evidence.nominal_error(),
-        evidence.file_error(),
-    ) {
-        (Some(own), Some(nominal), Some(file)) => format!(
-            "{:.2} mm -> {:.2} mm (expected, work region, with the compensator; {:.2} mm with calibrated.urdf alone)",
-            nominal.mean, own.mean, file.mean
-        ),
-        _ => match evidence.compared() {
+    let figures = match expected {
+        Some(e) => {
+            let file = if evidence.geometry.helps() {
+                format!("{:.2} mm with calibrated.urdf alone", e.file.mean)
+            } else {
+                "no calibrated.urdf, which would be worse than the nominal robot".to_owned()
+            };
+            format!(
+                "{:.2} mm -> {:.2} mm (expected, work region, with the compensator; {file})",
+                e.nominal.mean, e.own.mean
+            )
+        }
+        None => match evidence.compared() {
             Some(found) => format!(
                 "{:.2} mm -> {:.2} mm (mean of the rows that judge it)",
                 found.nominal.0, found.calibrated.0
@@ -259,7 +262,7 @@ fn headline(evidence: &Evidence<'_>, may_be_used: bool) -> String {
 }
 
 /// What to do next, by the artefact with the error that it has.
-fn next(evidence: &Evidence<'_>, may_be_used: bool) -> String {
+fn next(evidence: &Evidence<'_>, expected: Option<&Expected>, may_be_used: bool) -> String {
     if !may_be_used {
         return "Do not load this model: remove the causes named above, or measure more poses over a wider range of \
                 orientations and joint angles, and run again."
@@ -268,7 +271,7 @@ fn next(evidence: &Evidence<'_>, may_be_used: bool) -> String {
     if evidence.recordings.campaign.as_ref().is_some_and(|c| c.simulated) {
         return "The files are those of a simulated arm: they show what a run gives, and fit no real robot.".to_owned();
     }
-    let (Some(own), Some(file)) = (evidence.expected_error(), evidence.file_error()) else {
+    let Some(Expected { own, file, .. }) = expected else {
         return "Load calibrated.urdf or calibrated.toml, and check it on a few points of your own with --validate."
             .to_owned();
     };
