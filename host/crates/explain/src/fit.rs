@@ -6,6 +6,7 @@
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
 use spherecal_model::robots::frames::{compose, rot_axis};
 use spherecal_model::robots::{JointKind, JointPath, Twist};
+use spherecal_model::statistics::median;
 use spherecal_model::{Pose, fit_pose};
 
 use crate::rows::Row;
@@ -162,12 +163,6 @@ impl State {
     }
 }
 
-fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::INFINITY)
-}
-
 /// Fits a path with its TCP to rows.
 pub(crate) fn fit(path: &JointPath, tool: &Vector3<f64>, rows: &[Row], effort: Effort) -> Fitted {
     let n = path.joints.len();
@@ -196,9 +191,9 @@ pub(crate) fn fit(path: &JointPath, tool: &Vector3<f64>, rows: &[Row], effort: E
     }
     let mut added = DVector::<f64>::zeros(size);
     let mut distances = state.distances(rows);
-    let mut best = (median(&distances), state.clone());
+    let mut best = (median(distances.clone()), state.clone());
     for _ in 0..effort.iterations {
-        let scale = median(&distances).max(LEAST_M);
+        let scale = median(distances.clone()).max(LEAST_M);
         let (mut normal, mut right) = equations(&state, rows, &distances, scale, effort, size);
         for k in 0..size {
             let weight = sigma[k].powi(-2);
@@ -219,7 +214,7 @@ pub(crate) fn fit(path: &JointPath, tool: &Vector3<f64>, rows: &[Row], effort: E
         state.step(&step, effort);
         added += &step;
         distances = state.distances(rows);
-        let score = median(&distances);
+        let score = median(distances.clone());
         let before = best.0;
         if score < before {
             best = (score, state.clone());

@@ -8,15 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::chain::{Prepared, State};
 use super::seen::Seen;
 use spherecal_model::Pose;
-
-/// Middle of the values; 0 for none.
-fn median(mut values: Vec<f64>) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
-}
+use spherecal_model::statistics::median;
 
 /// Median of points, axis by axis, in m.
 pub(crate) fn median_point(points: &[Vector3<f64>]) -> Vector3<f64> {

@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use spherecal_model::statistics::median;
+
 use super::linear::Linear;
 use super::selection::FALSE_FINDINGS;
 use super::tail::log_tail;
@@ -48,7 +50,7 @@ pub(crate) fn scattered(linear: &Linear, course: &Course) -> Vec<ScatteredPlace>
             if own.len() < FEWEST || others.len() < FEWEST {
                 return None;
             }
-            let ratio = median(own) / median(&others).max(1e-12);
+            let ratio = median(own.clone()) / median(others.clone()).max(1e-12);
             let log_p = (log_chance(own, &others) + (places as f64).ln()).min(0.0);
             (ratio >= ScatteredPlace::LIMIT && log_p < FALSE_FINDINGS.ln()).then(|| ScatteredPlace {
                 words: format!(
@@ -64,12 +66,6 @@ pub(crate) fn scattered(linear: &Linear, course: &Course) -> Vec<ScatteredPlace>
         .collect();
     found.sort_by(|a, b| b.ratio.total_cmp(&a.ratio));
     found
-}
-
-fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_unstable_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or_default()
 }
 
 /// `ln` of the chance that the first are so far above the second where both are alike (Mann-Whitney,

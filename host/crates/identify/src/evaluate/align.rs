@@ -18,6 +18,7 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use spherecal_model::fit_pose;
+use spherecal_model::statistics::median;
 use spherecal_shared::robot::Robot;
 
 use super::align_targets::place;
@@ -116,11 +117,11 @@ impl AlignmentProblem {
         let onto: Vec<Vector3<f64>> = own.iter().map(|i| i.target).collect();
         let stride = own.len().div_ceil(SUBSAMPLE).max(1);
         let middle = |pose: &Pose| {
-            let mut d: Vec<f64> = (0..own.len())
+            let d: Vec<f64> = (0..own.len())
                 .step_by(stride)
                 .map(|k| (pose.point(&from[k]) - onto[k]).norm_squared())
                 .collect();
-            median(&mut d)
+            median(d)
         };
         let mut best = fit_pose(&from, &onto).unwrap_or_default();
         let mut least = middle(&best);
@@ -148,8 +149,8 @@ impl AlignmentProblem {
         let tool_at = m - 3;
         let mut damping = 1e-6;
         for _ in 0..STEPS {
-            let mut d = self.distances(&guess);
-            let s = (1.5 * median(&mut d)).max(1e-6);
+            let d = self.distances(&guess);
+            let s = (1.5 * median(d)).max(1e-6);
             let mut h = DMatrix::<f64>::zeros(m, m);
             let mut g = DVector::<f64>::zeros(m);
             for item in &self.items {
@@ -215,15 +216,6 @@ impl AlignmentProblem {
     }
 }
 
-/// Middle of the values (0 for none); reorders them.
-fn median(values: &mut [f64]) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
-}
-
 /// Aligns the calibration set of an experiment with a robot of given geometry;
 /// `free_tool` estimates the tool as well, else it stays nominal.
 pub fn align(experiment: &Experiment, robot: &Robot, free_tool: bool) -> NominalFrames {
@@ -280,7 +272,7 @@ pub fn align(experiment: &Experiment, robot: &Robot, free_tool: bool) -> Nominal
         .filter(|(_, o)| o.set == Set::Calibrate)
         .filter_map(|(index, o)| Some((index, problem.residual(&item(o)?, &guess).norm())))
         .collect();
-    let mut d: Vec<f64> = distances_m.iter().map(|d| d.1).collect();
+    let d: Vec<f64> = distances_m.iter().map(|d| d.1).collect();
     let frames: Vec<(Reference, Pose)> = problem.references.into_iter().zip(guess.frames).collect();
     let placed = place(experiment, &flange, &frames, &mut distances_m);
     NominalFrames {
@@ -288,7 +280,7 @@ pub fn align(experiment: &Experiment, robot: &Robot, free_tool: bool) -> Nominal
         targets_m: placed.targets_m,
         body: placed.body,
         median_turn_rad: placed.median_turn_rad,
-        median_m: median(&mut d),
+        median_m: median(d),
         frames,
         distances_m,
     }

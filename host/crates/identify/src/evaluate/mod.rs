@@ -46,6 +46,7 @@ pub use reference::{InstrumentView, ReferenceModel};
 use crate::recordings::Recordings;
 use crate::verdict::{Evidence, verdict};
 use nalgebra::Vector3;
+use spherecal_model::statistics::median;
 
 use crate::causes::Course;
 use crate::hierarchy::constants::{HOPELESS, POSTURES, STRANGE};
@@ -316,12 +317,6 @@ fn judged_aside(
         ));
     }
     (own, elsewhere)
-}
-
-/// Middle of some values.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_unstable_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or_default()
 }
 
 /// Refuses data that no calibration of this robot explains, by what its fit leaves, with what is

@@ -8,6 +8,8 @@ use std::collections::{BTreeMap, HashMap};
 
 use nalgebra::{Matrix3, Vector3};
 
+use spherecal_model::statistics::median;
+
 use crate::flange::Flange;
 use crate::{Experiment, Target};
 
@@ -61,9 +63,7 @@ fn means(experiment: &Experiment) -> Means {
             *slot = (sp + sa * tool) / *n;
         }
         let distance: Vec<f64> = items.iter().map(|(g, a, p)| (p + a * tool - at[*g]).norm()).collect();
-        let mut sorted = distance.clone();
-        sorted.sort_unstable_by(f64::total_cmp);
-        let s = (1.5 * sorted.get(sorted.len() / 2).copied().unwrap_or_default()).max(1e-6);
+        let s = (1.5 * median(distance.clone())).max(1e-6);
         for (w, d) in weights.iter_mut().zip(&distance) {
             *w = 1.0 / (1.0 + (d / s).powi(2));
         }

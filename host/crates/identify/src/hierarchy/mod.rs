@@ -34,6 +34,7 @@ use super::options::{Model, Options};
 use super::parameter_table::table;
 use super::parameters::{Kind, Layout, Parameter};
 use super::solve::{Posterior, Unknowns};
+use spherecal_model::statistics::median;
 use spherecal_model::{Experiment, Set};
 
 /// Fewest observations: their three numbers each must exceed the six of the base.
@@ -256,9 +257,7 @@ impl Found<'_> {
     fn median_m(&self) -> f64 {
         let Search { state, prepared, .. } = &self.search;
         let distance = |row: &Prepared| state.residual(row, &state.at(row).tcp).norm();
-        let mut all: Vec<f64> = prepared.par_iter().map(distance).collect();
-        all.sort_unstable_by(f64::total_cmp);
-        all.get(all.len() / 2).copied().unwrap_or_default()
+        median(prepared.par_iter().map(distance).collect())
     }
 
     /// The estimated scale.

@@ -19,6 +19,7 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::Serialize;
+use spherecal_model::statistics::quantile;
 
 pub use self::budget::{BudgetTerm, ErrorBudget, Source};
 use self::region::{Maker, Posture, Region, Root, Seen, spread};
@@ -203,10 +204,11 @@ impl Statement {
     fn summary(&self, region: &Region, tcp_m: &(impl Fn(&[f64]) -> Vector3<f64> + Sync)) -> ExpectedError {
         let (mut means, p95) = self.means(region, tcp_m);
         let mean = means.iter().sum::<f64>() / means.len().max(1) as f64;
+        means.sort_unstable_by(f64::total_cmp);
         ExpectedError {
             mean: mean * 1e3,
             p95: p95 * 1e3,
-            interval: [quantile(&mut means, 0.025) * 1e3, quantile(&mut means, 0.975) * 1e3],
+            interval: [quantile(&means, 0.025) * 1e3, quantile(&means, 0.975) * 1e3],
         }
     }
 
@@ -230,21 +232,11 @@ impl Statement {
             };
             let mut lengths: Vec<f64> = (0..region.q.len()).map(length).collect();
             let mean = lengths.iter().sum::<f64>() / lengths.len().max(1) as f64;
-            (mean, quantile(&mut lengths, 0.95))
+            lengths.sort_unstable_by(f64::total_cmp);
+            (mean, quantile(&lengths, 0.95))
         };
         let all: Vec<(f64, f64)> = (0..region.draws.ncols()).into_par_iter().map(of).collect();
         let p95 = all.iter().map(|x| x.1).sum::<f64>() / all.len().max(1) as f64;
         (all.into_iter().map(|x| x.0).collect(), p95)
     }
-}
-
-/// Quantile of values, between neighbours in proportion; sorts them.
-fn quantile(values: &mut [f64], share: f64) -> f64 {
-    values.sort_unstable_by(f64::total_cmp);
-    let Some(last) = values.len().checked_sub(1) else {
-        return 0.0;
-    };
-    let at = share * last as f64;
-    let (low, high) = (at.floor() as usize, at.ceil() as usize);
-    values[low] + (values[high] - values[low]) * (at - low as f64)
 }

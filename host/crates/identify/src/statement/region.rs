@@ -7,7 +7,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{ChiSquared, Distribution as _, StandardNormal};
 use rayon::prelude::*;
 
-use super::{MeasuredRow, quantile};
+use spherecal_model::statistics::quantile;
+
+use super::MeasuredRow;
 use crate::dense::Factor;
 use crate::hierarchy::constants::{AMONG, DRAWS, LARGEST_LEVERAGE, MODEL_ERROR, POSTURES};
 use crate::workspace::Rigid;
@@ -108,8 +110,9 @@ impl Seen {
             others.map(|(_, q)| square(q, &scaled[k])).fold(f64::INFINITY, f64::min)
         };
         let mut nearest: Vec<f64> = (0..scaled.len()).map(own).collect();
+        nearest.sort_unstable_by(f64::total_cmp);
         Self {
-            near: quantile(&mut nearest, AMONG),
+            near: quantile(&nearest, AMONG),
             scaled,
             spread,
         }

@@ -1,6 +1,8 @@
 //! Checks of the stated error: by the accuracy that was asked for, and by rows that were
 //! measured apart.
 
+use spherecal_model::statistics::median;
+
 use super::{Check, Evidence, Expected};
 use crate::hierarchy::constants::SURE;
 
@@ -69,11 +71,10 @@ pub(super) fn validation_agrees(evidence: &Evidence<'_>, expected: Option<&Expec
     let Some(model) = judged.model("calibrated") else {
         return;
     };
-    let mut distances: Vec<f64> = model.samples.iter().map(|s| s.distance_mm).collect();
-    distances.sort_unstable_by(f64::total_cmp);
-    let Some(&median) = distances.get(distances.len() / 2) else {
+    if model.samples.is_empty() {
         return;
-    };
+    }
+    let median = median(model.samples.iter().map(|s| s.distance_mm).collect());
     let limit = (CONTRADICTS * expected.measured.p95).max(LEAST_CONTRADICTION_MM);
     let agrees = median <= limit;
     let stated = format!(
