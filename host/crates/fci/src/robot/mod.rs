@@ -17,7 +17,6 @@
 //! | external joint torque beyond its upper threshold | `joint_reflex` |
 //! | external force beyond its upper threshold | `cartesian_reflex` |
 //! | 20 commands missing in a row, or too low a success rate | `communication_constraints_violation` |
-//!
 //! | a motion generator's command jumps, is too fast or leads beyond a limit | `joint_motion_generator_...`, `cartesian_motion_generator_...` |
 //!
 //! Not simulated: Cartesian limits, power limit, self-collision, elbow rules, deviation from the path, stiffness settings of the

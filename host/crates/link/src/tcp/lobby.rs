@@ -58,12 +58,12 @@ impl Lobby {
         }
     }
 
-    /// Greets whoever has connected, and reads what those who wait have sent. Waits for nothing.
+    /// Reads what those who wait have sent, and greets whoever has connected. Waits for nothing. In this order, a flood of
+    /// connections does not close that of a peer whose frame has come.
     ///
     /// # Errors
     /// The listener fails.
     pub(super) fn look(&mut self, listener: &TcpListener, greeting: &[u8]) -> Result<Look, TcpError> {
-        self.accept(listener, greeting)?;
         for number in 0..self.waiting.len() {
             let Some(candidate) = self.waiting.get_mut(number) else {
                 break;
@@ -81,6 +81,7 @@ impl Lobby {
                 }
             }
         }
+        self.accept(listener, greeting)?;
         Ok(Look::Nothing)
     }
 
@@ -102,10 +103,8 @@ impl Lobby {
         for _ in 0..MOST {
             let (mut stream, address) = match listener.accept() {
                 Ok(accepted) => accepted,
-                Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => break,
-                // The peer is gone already, or no descriptor is free: the next look tries again.
-                Err(e) if matches!(e.kind(), ErrorKind::ConnectionAborted) => continue,
-                Err(e) => return Err(failed(e)),
+                // Nobody, a peer that is gone already, or no descriptor is free: the next look tries again.
+                Err(_) => break,
             };
             // A fresh connection has room for a greeting.
             let greeted = stream
@@ -156,7 +155,10 @@ impl Candidate {
                 Err(e) => return Err(TcpError::of(&peer(), e)),
             }
         }
-        self.watch.progress.check(&peer())?;
+        // A look that finds nothing allocates nothing: a controller in real time looks in every period.
+        if self.watch.progress.is_babble() {
+            return Err(self.watch.progress.babble(&peer()));
+        }
         Ok(spoke)
     }
 }

@@ -46,11 +46,16 @@ impl FrameGap {
 
     /// Fails if the peer has sent bytes for too long, or too many, without a valid frame.
     pub(super) fn check(&self, peer: &str) -> Result<(), TcpError> {
-        let short = self.since.is_none_or(|since| since.elapsed() < NO_FRAME);
-        if self.bytes <= NO_FRAME_BYTES && short {
-            return Ok(());
+        if self.is_babble() {
+            Err(self.babble(peer))
+        } else {
+            Ok(())
         }
-        Err(self.babble(peer))
+    }
+
+    /// Whether a peer has sent too much without a valid frame.
+    pub(super) fn is_babble(&self) -> bool {
+        self.bytes > NO_FRAME_BYTES || self.since.is_some_and(|since| since.elapsed() >= NO_FRAME)
     }
 
     /// The error of a peer that has sent too much without a valid frame.

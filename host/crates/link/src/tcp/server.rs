@@ -177,6 +177,8 @@ impl DriveServer {
             };
             service.commands += 1;
             self.drive.exchange(Some(&command), state)?;
+            // Whoever waits was greeted with the state before.
+            self.lobby.dismiss();
             wire.send(state, state.tick.wrapping_mul(u64::from(hello.period_us)))?;
         }
     }

@@ -24,6 +24,8 @@ pub struct RemoteRobot {
     up: Streaming<ControllerTurn>,
     now_us: u64,
     ticks: u64,
+    /// Whether the robot's time goes on between two turns.
+    in_real_time: bool,
 }
 
 /// Converts an error of the service to one of the link.
@@ -84,6 +86,7 @@ impl RemoteRobot {
             up,
             now_us: 0,
             ticks: 0,
+            in_real_time: false,
         })
     }
 
@@ -94,9 +97,9 @@ impl RemoteRobot {
             what: what.to_owned(),
         };
         self.runtime.block_on(async {
-            // The server's last message contains its reason, if it has one.
-            let _ = self.down.send(turn).await;
             let answer = async {
+                // The server's last message contains its reason, if it has one.
+                let _ = self.down.send(turn).await;
                 match self.up.message().await {
                     Ok(Some(answer)) => Ok(answer),
                     Ok(None) => Err(gone("the connection was closed")),
@@ -127,7 +130,12 @@ impl Device for RemoteRobot {
         up.extend_from_slice(&answer.frames);
         self.now_us = answer.now_us;
         self.ticks = answer.ticks;
+        self.in_real_time = answer.in_real_time;
         Ok(())
+    }
+
+    fn waits(&self) -> bool {
+        !self.in_real_time
     }
 
     fn move_plate(&mut self, place: u32) -> bool {

@@ -133,6 +133,7 @@ impl RobotController for RobotService {
                         now_us: device.now_us().saturating_sub(begun_us),
                         ticks: device.ticks().saturating_sub(begun_ticks),
                         plate_moved,
+                        in_real_time: !device.waits(),
                     })
                     .map_err(|e| Status::unavailable(e.to_string()));
                 if answers.send(answer).await.is_err() {
