@@ -74,10 +74,15 @@ impl<'a> Campaign<'a> {
     /// The scene in which the arm moves: the plate where it stands, and the spheres where they were
     /// found. `None` if the planner cannot compute with the robot.
     pub(super) fn scene(&self) -> Option<Scene> {
+        self.scene_at(self.place)
+    }
+
+    /// The scene with the plate at a placement.
+    fn scene_at(&self, place: u32) -> Option<Scene> {
         let chain = self.waypoints.chain()?;
-        let found = self.places.found(self.place);
+        let found = self.places.found(place);
         let limits = &self.assignment.procedure.limits;
-        Some(Scene::new(self.assignment.plan, chain, self.place, limits, &found))
+        Some(Scene::new(self.assignment.plan, chain, place, limits, &found))
     }
 
     /// Joint angles of the newest sample, in rad.
@@ -91,7 +96,7 @@ impl<'a> Campaign<'a> {
     /// Direction of approach opposite to the best retreat from the sphere of `visit`, after `failed` others.
     fn way_off(&self, session: &Session<'_>, visit: &Visit, failed: u32) -> [f64; 3] {
         let straight = visit.approach_direction;
-        let (Some(scene), Some(q)) = (self.scene(), self.posture(session)) else {
+        let (Some(scene), Some(q)) = (self.scene_at(visit.place), self.posture(session)) else {
             return straight;
         };
         let length_m = self.assignment.procedure.decouple.retreat_m;

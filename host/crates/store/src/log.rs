@@ -22,9 +22,11 @@ const MAGIC: u32 = 0x377f_0682;
 /// The size of a page of this program's databases, in bytes: SQLite's default.
 const PAGE: usize = 4096;
 
-/// The log of a database.
+/// The log of a database. That of a link is beside the file that it leads to.
 pub(super) fn log_of(database: &Path) -> PathBuf {
-    let mut name = database.as_os_str().to_owned();
+    let mut name = std::fs::canonicalize(database)
+        .unwrap_or_else(|_| database.to_owned())
+        .into_os_string();
     name.push("-wal");
     name.into()
 }

@@ -141,8 +141,8 @@ pub fn recover(damaged: &Path, new: &Path) -> Result<Recovered, StoreError> {
             "runs" => kept = seals.settings(kept, &bad, &mut recovered),
             "spheres" => kept = seals.certificate(kept, &bad),
             "poses" => {
-                incomplete.extend(bad.iter().filter_map(run_of));
                 kept = seals.poses(kept);
+                saved.lost += seals::without(&bad, &kept);
             }
             _ => {
                 saved.lost += bad.len() as u64;

@@ -19,17 +19,18 @@ pub(super) async fn seal_settings(t: &mut AnyConnection, run: i64, certificate: 
     Ok(())
 }
 
-/// Stores the second copy of a run's settings, certificate and poses.
+/// Stores the second copy of a run's settings, certificate and poses, where there is none: a row that was damaged since must
+/// not replace its copy.
 pub(super) async fn put_spares(t: &mut AnyConnection, run: i64, certificate: &[Sphere]) -> Result<(), sqlx::Error> {
     for name in SPARED {
         sqlx::query(AssertSqlSafe(format!(
-            "INSERT INTO spares (run, name, value) SELECT run, '{name}', CAST({name} AS TEXT) FROM runs WHERE run = $1"
+            "INSERT INTO spares (run, name, value) SELECT run, '{name}', CAST({name} AS TEXT) FROM runs WHERE run = $1 ON CONFLICT DO NOTHING"
         )))
         .bind(run)
         .execute(&mut *t)
         .await?;
     }
-    sqlx::query("INSERT INTO spares (run, name, value) VALUES ($1, 'spheres', $2)")
+    sqlx::query("INSERT INTO spares (run, name, value) VALUES ($1, 'spheres', $2) ON CONFLICT DO NOTHING")
         .bind(run)
         .bind(spare_of(certificate))
         .execute(&mut *t)
@@ -40,7 +41,7 @@ pub(super) async fn put_spares(t: &mut AnyConnection, run: i64, certificate: &[S
         .fetch_all(&mut *t)
         .await?;
     let lines = poses.iter().map(spare_of_pose).collect::<Result<String, _>>()?;
-    sqlx::query("INSERT INTO spares (run, name, value) VALUES ($1, 'poses', $2)")
+    sqlx::query("INSERT INTO spares (run, name, value) VALUES ($1, 'poses', $2) ON CONFLICT DO NOTHING")
         .bind(run)
         .bind(lines)
         .execute(t)
@@ -140,10 +141,6 @@ impl SqlStore {
                         put_digest(t, run, &subject, digest::of_recording(r)).await?;
                     }
                 }
-                sqlx::query("DELETE FROM spares WHERE run = $1")
-                    .bind(run)
-                    .execute(&mut *t)
-                    .await?;
                 put_spares(t, run, &spheres).await?;
                 for table in SEALED {
                     seal_unsealed(t, &table, run).await?;

@@ -210,6 +210,12 @@ fn pose_of(row: &StoredRow) -> Vec<String> {
     row.iter().take(3).map(ToString::to_string).collect()
 }
 
+/// How many rows of `poses` are not among the kept ones.
+pub(super) fn without(rows: &[StoredRow], kept: &[StoredRow]) -> u64 {
+    let there: HashSet<Vec<String>> = kept.iter().map(pose_of).collect();
+    rows.iter().filter(|row| !there.contains(&pose_of(row))).count() as u64
+}
+
 /// The columns of `runs`.
 const COLUMNS: [&str; 12] = [
     "run",
