@@ -63,7 +63,7 @@ class Parameters(Mapping[str, Parameter]):
 
 @dataclass(frozen=True)
 class ExpectedError:
-    """Error of the TCP to expect over the workspace, in m."""
+    """Error of the TCP to expect over the work region, in m."""
 
     mean: float
     #: 95 % of the workspace has an error below this.
@@ -179,7 +179,7 @@ class Identification:
 
     @property
     def expected_error(self) -> ExpectedError | None:
-        """Error of the calibrated TCP to expect over the workspace; None where it cannot be told."""
+        """Error of the calibrated TCP to expect over the work region; None where it cannot be told."""
         return ExpectedError._of(self.summary["verdict"]["expected_error_mm"])
 
     @property

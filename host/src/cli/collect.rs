@@ -32,7 +32,7 @@ use super::terminal_operator::TerminalOperator;
 #[derive(Args, Clone, Debug)]
 #[command(
     after_help = "Example: spherecal collect --link franka:172.16.0.2 --tool-mm 0,0,120 --out contacts.csv && \
-    spherecal identify --robot panda --data contacts.csv --plate paper --tool-mm 0,0,120 --uncalibrated\n\n\
+    spherecal identify --robot panda --data contacts.csv --plate paper --tool-mm 0,0,120\n\n\
     Exit codes: 0 all poses are in the table; 1 failed or stopped before; 2 wrong input."
 )]
 pub struct CollectArgs {
@@ -66,8 +66,8 @@ pub struct CollectArgs {
     /// Time without a new still pose after which it ends, in s.
     #[arg(long, value_name = "S", default_value_t = 600.0, value_parser = seconds)]
     pub wait_s: f64,
-    /// Expect the errors of an arm without a factory calibration when the accuracy is predicted, as `identify
-    /// --uncalibrated` does. Always so with franka:, unless --robot names a file.
+    /// Expect the errors of an arm without a factory calibration when the accuracy is predicted. Always so with franka:,
+    /// unless --robot names a file.
     #[arg(long)]
     pub uncalibrated: bool,
     /// Table of the contacts; a table that exists is continued.
@@ -329,9 +329,8 @@ pub(super) fn run(args: &CollectArgs) -> Result<Exit, CliError> {
         outln!("{} contacts are in {file}", found.count);
         if found.done {
             let tool = args.tool_mm.as_ref().map(|t| format!(" --tool-mm {t}"));
-            let priors = if found.uncalibrated { " --uncalibrated" } else { "" };
             outln!(
-                "\nNext: spherecal identify --robot {} --data {file} --plate {}{}{priors}",
+                "\nNext: spherecal identify --robot {} --data {file} --plate {}{}",
                 found.robot,
                 args.plate.display(),
                 tool.unwrap_or_default()

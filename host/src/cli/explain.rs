@@ -25,6 +25,16 @@ pub(super) fn may_explain(error: &StudyError) -> bool {
 /// A table that cannot be read.
 pub(super) fn explained(request: &StudyRequest, sources: Sources<'_>) -> Result<Explanation, StudyError> {
     let loaded = assemble(request, sources, &mut |_| {})?;
+    // The options that correct a table count its columns, the search the hinges.
+    if loaded.model.clone().plain().is_err() {
+        return Err(InputError::Field {
+            file: "command line".to_owned(),
+            field: "--explain".to_owned(),
+            value: format!("\"{}\"", loaded.model.robot.name),
+            remedy: "joints that slide or follow others cannot be searched: check the table by hand".to_owned(),
+        }
+        .into());
+    }
     let experiment = &loaded.recordings.experiment;
     Ok(explain(&Subject::new(
         &loaded.model,

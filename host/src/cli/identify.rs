@@ -83,7 +83,7 @@ pub struct IdentifyArgs {
     /// (of the joints), a column of your own, or sphere where the plate has four or more.
     #[arg(long, value_name = "COLUMN")]
     pub holdout: Option<String>,
-    /// Mean error of the TCP over the workspace that is asked for, in mm: a worse result is refused.
+    /// Mean error of the TCP over the work region that is asked for, in mm: a worse result is refused.
     #[arg(long, value_name = "MM", requires = "data", value_parser = accuracy)]
     pub accuracy_mm: Option<f64>,
     /// Columns with the joint angles, base to flange, instead of q1..qn (rad; degrees if the name
@@ -98,16 +98,13 @@ pub struct IdentifyArgs {
     pub table: TableArgs,
     /// Search for what is wrong with the table (signs, order, zeros, couplings, units, tool, another robot), say it, and
     /// identify nothing. A table that does not fit is searched in any case.
-    #[arg(long, requires = "data")]
+    #[arg(long, requires = "data", conflicts_with = "json")]
     pub explain: bool,
     #[command(flatten)]
     pub bag: BagArgs,
     /// Options as TOML: noise, priors and fixed parameters, harmonics.
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
-    /// Not needed any more, and without effect: the data find how large the arm's errors are.
-    #[arg(long, requires = "data")]
-    pub uncalibrated: bool,
     /// Names and numbers for page one of the report: a file with the block [certificate], such as the cell's
     /// configuration.
     #[arg(long, value_name = "FILE.toml", requires = "data")]
@@ -163,9 +160,6 @@ fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<StudyRequest
     }
     if args.config.is_none() || args.model != Model::Full {
         options.model = args.model;
-    }
-    if args.uncalibrated {
-        errln!("spherecal: --uncalibrated is not needed any more: the data find how large the arm's errors are");
     }
     if let Some(seed) = args.seed {
         options.seed = seed;

@@ -157,10 +157,18 @@ impl TableArgs {
                 "rad" => 1f64.to_degrees(),
                 _ => return Err(refuse("--joint-unit", text, "write JOINT=deg or JOINT=rad")),
             };
-            if number >= out.units.len() {
-                out.units.resize(number + 1, 1.0);
+            // A number beyond the robot's joints is refused below.
+            out.units.resize(out.units.len().max(n), 1.0);
+            match out.units.get_mut(number) {
+                Some(unit) => *unit = factor,
+                None => {
+                    return Err(refuse(
+                        "--joint-unit",
+                        text,
+                        &format!("the robot has {n} joint columns"),
+                    ));
+                }
             }
-            out.units[number] = factor;
         }
         if out.largest_joint() > n {
             return Err(refuse(
@@ -221,6 +229,9 @@ fn hinges(
             found.left_m * 1e3
         ));
         *motion = Some(found);
+    }
+    if table.rows().any(|row| row.tau.is_some()) {
+        notes.push("torques are of the table's columns and not of the hinges: they are not used".to_owned());
     }
     table.with_joints(|columns| {
         let shift = motion.as_ref().map_or([0.0; 3], |m| m.shift(columns).into());

@@ -18,7 +18,7 @@ use super::message::{BagMessage, MOST_RECORD_BYTES, Topic, full_name};
 /// The next messages behind a time and id. Types that a bag is not read for come without their data.
 const NEXT: &str = "SELECT m.id, m.topic_id, m.timestamp, CASE WHEN length(m.data) <= ?3 AND (t.type LIKE '%JointState' OR \
     t.type LIKE '%Stamped' OR t.type LIKE '%TFMessage' OR t.type LIKE '%Odometry' OR t.type LIKE '%PoseArray' OR t.type LIKE \
-    'std_msgs/%nt_') THEN m.data ELSE x'' END FROM messages m JOIN topics t ON t.id = m.topic_id WHERE (m.timestamp, m.id) > \
+    'std_msgs/%Int%') THEN m.data ELSE x'' END FROM messages m JOIN topics t ON t.id = m.topic_id WHERE (m.timestamp, m.id) > \
     (?1, ?2) ORDER BY m.timestamp, m.id LIMIT 256";
 
 /// Calls `each` for every message of a bag in SQLite, in the order of time, and `progress` with the bytes read so far.

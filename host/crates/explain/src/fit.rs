@@ -4,7 +4,8 @@
 //! themselves. Priors are in the same scale, so a hypothesis that fits badly cannot buy offsets.
 
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
-use spherecal_model::robots::frames::{compose, rot_axis};
+use spherecal_model::chain::rotation_vector;
+use spherecal_model::robots::frames::compose;
 use spherecal_model::robots::{JointKind, JointPath, Twist};
 use spherecal_model::statistics::median;
 use spherecal_model::{Pose, fit_pose};
@@ -58,17 +59,7 @@ pub(crate) struct State {
 
 /// A rotation vector as a rotation.
 fn turn(vector: &Vector3<f64>) -> Matrix3<f64> {
-    let angle = vector.norm();
-    if angle < 1e-300 {
-        Matrix3::identity()
-    } else {
-        rot_axis(&(vector / angle), angle)
-    }
-}
-
-/// The rotation vector of a rotation.
-fn vector(rotation: &Matrix3<f64>) -> Vector3<f64> {
-    Rotation3::from_matrix_unchecked(*rotation).scaled_axis()
+    Rotation3::new(*vector).into_inner()
 }
 
 impl State {
@@ -96,7 +87,9 @@ impl State {
         let base = &self.bases[row.group];
         let at = base.point(&tip.point(&self.tool));
         let turned = row.turn.map_or_else(Vector3::zeros, |measured| {
-            vector(&(measured * (base.rotation * tip.rotation * self.body).transpose()))
+            rotation_vector(&Rotation3::from_matrix_unchecked(
+                measured * (base.rotation * tip.rotation * self.body).transpose(),
+            ))
         });
         (row.at - at, turned)
     }

@@ -1,49 +1,17 @@
 //! The workspace of a robot, and displacements over it.
 
 use nalgebra::{DMatrix, Vector3};
-use spherecal_model::halton::halton;
-use spherecal_shared::robot::kinematics::frames_into;
-use spherecal_shared::robot::{LinkTransform, Pose as Frame, Robot, Tool};
+use spherecal_model::chain::Chain;
+use spherecal_shared::robot::{Robot, Tool};
 
 use crate::dense::transposed_product;
 
 /// Configurations of a workspace.
 pub const WORKSPACE: usize = 200;
 
-/// The workspace of a robot with its tool: joint angles (rad) of 200 configurations.
-///
-/// They are spread evenly over 95 % of each joint's range (at most half a turn
-/// either way), and kept where the TCP is in front of the arm: x from -0.05 to
-/// 1.0 m, y within 0.6 m, z from 0.13 to 1.15 m, scaled by the arm's reach over
-/// 1.4 m. That is the box of the paper's Table 4 for any arm.
+/// The workspace of a robot with its tool: joint angles (rad) of [`WORKSPACE`] configurations.
 pub fn workspace(robot: &Robot, tool: &Tool) -> Vec<Vec<f64>> {
-    let links: Vec<LinkTransform<f64>> = robot.joints.iter().map(|j| LinkTransform::from(&j.mdh)).collect();
-    let mut frames = vec![Frame::identity(); links.len()];
-    let mut tcp = |q: &[f64]| -> Vector3<f64> { frames_into(&links, q, &mut frames).point(&tool.tcp()) };
-    let configuration = |k: usize| -> Vec<f64> {
-        let joint = |(j, of): (usize, &spherecal_shared::robot::Joint)| {
-            let l = &of.limits;
-            let middle = 0.5 * (l.min_rad + l.max_rad);
-            let half = (0.5 * (l.max_rad - l.min_rad)).min(core::f64::consts::PI);
-            middle + 0.95 * half * (2.0 * halton(k, j) - 1.0)
-        };
-        robot.joints.iter().enumerate().map(joint).collect()
-    };
-    let reach = (1..=500).map(|k| tcp(&configuration(k)).norm()).fold(0.1, f64::max);
-    let scale = reach / 1.4;
-    let inside = |p: &Vector3<f64>| {
-        (-0.05..=1.0).contains(&(p.x / scale)) && (p.y / scale).abs() <= 0.6 && (0.13..=1.15).contains(&(p.z / scale))
-    };
-    let found: Vec<Vec<f64>> = (1..20_000)
-        .map(configuration)
-        .filter(|q| inside(&tcp(q)))
-        .take(WORKSPACE)
-        .collect();
-    if found.len() == WORKSPACE {
-        return found;
-    }
-    // An arm that hardly comes before its base: anywhere in its joint ranges.
-    (1..=WORKSPACE).map(configuration).collect()
+    spherecal_model::workspace(&Chain::unchecked(robot, tool), WORKSPACE)
 }
 
 /// Takes the best-fitting rigid motion of all points out of displacements.

@@ -97,13 +97,13 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
         }
         _ => match (s.verdict.expected_error_mm, s.verdict.nominal_error_mm) {
             (Some(e), Some(n)) => format!(
-                "The {} was calibrated by touching spheres; no laser tracker judged the result. Its expected error over the \
-                 workspace is {:.3} mm in the mean (95 % interval {:.3} to {:.3} mm), that of the nominal robot {:.3} mm.",
+                "The {} was calibrated by touching spheres; no laser tracker judged the result. Its expected error over the work \
+                 region is {:.3} mm in the mean (95 % interval {:.3} to {:.3} mm), that of the nominal robot {:.3} mm.",
                 s.robot, e.mean, e.interval[0], e.interval[1], n.mean
             ),
             _ => format!(
                 "The {} was calibrated by touching spheres; no laser tracker judged the result, and the expected error over \
-                 the workspace could not be computed.",
+                 the work region could not be computed.",
                 s.robot
             ),
         },

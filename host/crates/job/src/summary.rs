@@ -179,6 +179,8 @@ pub struct Summary {
     pub drive: Option<DriveTiming>,
     /// Verdict.
     pub verdict: Verdict,
+    /// The files of the result with the error that each has over the work region.
+    pub files: serde_json::Value,
     /// The figures of the report's first page.
     pub certificate: Certificate,
     /// Remarks.
@@ -213,6 +215,7 @@ pub fn summarise(m: &Measurements, e: &Evaluation, created: &str) -> Result<Summ
     let recordings_sha256 = hash(&m.recordings)?;
     Ok(Summary {
         certificate: run_certificate(m, e, created, &recordings_sha256)?,
+        files: crate::write::files_json(e),
         command: "run",
         version: env!("CARGO_PKG_VERSION"),
         seed: m.seed,

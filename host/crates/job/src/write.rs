@@ -83,7 +83,16 @@ pub(crate) fn write_results(folder: &Path, results: &Results<'_>) -> Result<File
     } else {
         for name in ["calibrated.urdf", "kinematics.yaml", "offsets.yaml"] {
             // One of an earlier run would be taken for this result.
-            let _ = std::fs::remove_file(folder.join(name));
+            let path = folder.join(name);
+            match std::fs::remove_file(&path) {
+                Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+                    return Err(JobError::Write {
+                        path: path.display().to_string(),
+                        source,
+                    });
+                }
+                _ => {}
+            }
         }
     }
     if let Some(html) = results.report {

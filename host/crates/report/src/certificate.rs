@@ -18,7 +18,7 @@ pub struct BudgetLine {
     pub source: String,
     /// Name for people.
     pub name: String,
-    /// Root mean square of the TCP's displacement over the workspace by this source alone, in mm;
+    /// Root mean square of the TCP's displacement over the work region by this source alone, in mm;
     /// none where the data do not tell it.
     pub rms_mm: Option<f64>,
     /// What the term holds, or why it is not stated.
@@ -28,7 +28,7 @@ pub struct BudgetLine {
 /// The uncertainty of a position of the TCP, in mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Uncertainty {
-    /// Standard uncertainty: root mean square of the position error over the workspace.
+    /// Standard uncertainty: root mean square of the position error over the work region.
     pub standard_mm: f64,
     /// Coverage factor.
     pub k: f64,
@@ -97,7 +97,7 @@ pub struct Certificate {
     pub recordings: usize,
     /// SHA-256 of all recordings.
     pub recordings_sha256: String,
-    /// Expected error of the full model over the workspace.
+    /// Expected error of the full model over the work region.
     pub expected_error_mm: Option<ExpectedError>,
     /// That of the geometry alone, as the files hold it.
     pub geometry_alone_mm: Option<ExpectedError>,
@@ -153,7 +153,7 @@ fn expected(name: &str, error: Option<&ExpectedError>) -> Markup {
             name,
             &millimetres(e.mean),
             &format!(
-                "mean; 95 % interval {} to {}; 95 % of the workspace below {}",
+                "mean; 95 % interval {} to {}; 95 % of the work region below {}",
                 millimetres(e.interval[0]),
                 millimetres(e.interval[1]),
                 millimetres(e.p95)
@@ -216,7 +216,7 @@ impl Certificate {
                         Some(u) => (row(
                             &format!("Uncertainty U (k = {})", u.k),
                             &millimetres(u.expanded_mm),
-                            &format!("{} u, with u = {}: root mean square error over the workspace", u.k, millimetres(u.standard_mm)),
+                            &format!("{} u, with u = {}: root mean square error over the work region", u.k, millimetres(u.standard_mm)),
                         )),
                         None => (row("Uncertainty U (k = 2)", "not stated", "the data do not tell it")),
                     }

@@ -64,8 +64,8 @@ pub fn expected_figures(evaluation: &Evaluation) -> Vec<HeadlineFigure> {
         (name.to_owned(), format!("{:.3} mm", error.mean), what)
     };
     let mut figures = vec![figure("Expected error", "full model, by the compensator", full)];
-    if let Some(alone) = &evaluation.verdict.file_error_mm {
-        figures.push(figure("Geometry alone", "calibrated.urdf in a controller", alone));
+    if let Some(alone) = evaluation.verdict.file_error_mm.filter(|_| evaluation.geometry.helps()) {
+        figures.push(figure("Geometry alone", "calibrated.urdf in a controller", &alone));
     }
     figures
 }

@@ -208,9 +208,18 @@ impl Plan {
             plan.joints_by_name(&names, format, &mut new);
         }
         if turned.is_none() && !is_mapped(|m| matches!(m, Meaning::Quaternion(_))) {
-            let own = |k: usize| format.joint_columns.iter().any(|n| plain(n) == names[k]);
+            let listed = [&format.joint_columns, &format.joint_names, &format.ignore];
+            let own = |k: usize| {
+                let is = |n: &String| plain(n) == names[k] || plain(n) == angle_unit(&names[k]).0;
+                listed.iter().any(|list| list.iter().any(is))
+            };
             turned = usual(&names).filter(|(from, _)| from.iter().all(|k| new[*k].is_none() && !own(*k)));
-            plan.changed |= turned.is_some();
+            if let Some((from, kind)) = turned {
+                plan.changed = true;
+                let columns = from.map(|k| written[k].as_str()).join(", ");
+                plan.notes
+                    .push(format!("the orientation is read from {columns}: {kind}"));
+            }
         }
         if let Some((from, _)) = turned {
             for &k in &from {

@@ -151,7 +151,7 @@ const FORMULA_ERRORS: [&str; 8] = [
 
 /// Whether a line is a comment: it begins with `#`, but not with the error of a
 /// spreadsheet's formula (`#DIV/0!`, `#N/A`), which is a cell and must be refused.
-fn comment(line: &str) -> bool {
+pub(super) fn comment(line: &str) -> bool {
     let line = line.trim_start();
     let first = line.split([',', ';', '\t']).next().unwrap_or_default().trim_end();
     line.starts_with('#') && !FORMULA_ERRORS.contains(&first)

@@ -18,6 +18,24 @@ pub(super) enum Orientation {
     RotationVector { degrees: bool },
 }
 
+impl std::fmt::Display for Orientation {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let unit = |degrees: &bool| if *degrees { "degrees" } else { "rad" };
+        match self {
+            Self::Euler {
+                backwards: true,
+                degrees,
+                ..
+            } => write!(f, "roll, pitch and yaw about fixed axes, in {}", unit(degrees)),
+            Self::Euler { axes, degrees, .. } => {
+                let names: String = axes.iter().map(|axis| char::from(b'x' + axis)).collect();
+                write!(f, "turns about {names} of the turning body, in {}", unit(degrees))
+            }
+            Self::RotationVector { degrees } => write!(f, "a rotation vector, in {}", unit(degrees)),
+        }
+    }
+}
+
 impl Orientation {
     /// Roll, pitch and yaw about the fixed axes x, y and z: `Rz(yaw) Ry(pitch) Rx(roll)`.
     pub(super) fn rpy(degrees: bool) -> Self {

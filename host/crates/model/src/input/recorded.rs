@@ -15,6 +15,7 @@ use super::cells::{Splitter, separator};
 use super::column_plan::{OutColumn, Plan};
 use super::columns::TableFormat;
 use super::csv_row::{refuse_line, split_error};
+use super::csv_table::comment as is_comment;
 use super::error::InputError;
 use super::lines::{LineError, Lines, MOST_LINE_BYTES};
 use super::mapping::ColumnMapping;
@@ -140,7 +141,7 @@ pub fn recorded(
                 out.csv.push('\n');
                 continue;
             }
-        } else if trimmed.starts_with('#') && !trimmed.starts_with("#N/A") && !trimmed.starts_with("#DIV") {
+        } else if is_comment(trimmed) {
             out.csv.push('\n');
             continue;
         }
@@ -223,6 +224,9 @@ impl Plan {
     /// Whether a row lacks a joint angle, or all of its measurements.
     fn is_without_value(&self, cells: &[String]) -> bool {
         let without = |k: &usize| cells.get(*k).is_none_or(|c| no_value(c));
+        let measured = || self.measured.iter().filter(|k| !without(k)).count();
+        // A contact names its sphere: that no point was measured is no loss.
+        let contact = measured() == 0 && self.targets.iter().any(|k| !without(k));
         // A line that is too short is refused by the reader.
         if cells.len() < self.width {
             return false;
@@ -230,6 +234,7 @@ impl Plan {
         self.joints.iter().any(without)
             || (!self.targets.is_empty() && self.targets.iter().all(without))
             || (!self.numbered
+                && !contact
                 && self
                     .measured
                     .iter()
@@ -240,11 +245,17 @@ impl Plan {
     fn row(&self, cells: &[String]) -> Vec<String> {
         let cell = |k: usize| cells.get(k).map_or("", String::as_str);
         let mut out = Vec::with_capacity(self.columns.len() + 4);
-        for column in &self.columns {
+        // A line that is too short stays so: the reader refuses it.
+        let within = |column: &&OutColumn| match column {
+            OutColumn::Copy { from, .. } => *from < cells.len(),
+            OutColumn::Quaternion { from, .. } => from.iter().all(|from| *from < cells.len()),
+        };
+        for column in self.columns.iter().take_while(within) {
             match column {
                 OutColumn::Copy { from, .. } => {
                     let text = cell(*from);
-                    let blank = self.numbered && self.targets.contains(from) && no_value(text);
+                    let blank = (self.numbered && self.targets.contains(from) || self.measured.contains(from))
+                        && no_value(text);
                     out.push(if blank { String::new() } else { text.to_owned() });
                 }
                 OutColumn::Quaternion { from, kind } => out.extend(quaternion(from.map(cell), *kind)),

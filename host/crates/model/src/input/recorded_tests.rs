@@ -161,4 +161,12 @@ fn refusals_name_the_line_of_the_file() {
     let several = "q1,x1_mm,y1_mm,z1_mm,x2_mm,y2_mm,z2_mm\n0,1,2,3,nan,nan,nan\n0,nan,nan,nan,nan,nan,nan\n";
     let (table, found) = read(several, &[], &TableFormat::new(1)).unwrap();
     assert_eq!((table.len(), found.notes.len()), (1, 1), "{found:?}");
+    // A contact names its sphere, whatever stands in the columns of points.
+    let contacts = "q1,sphere,x_mm,y_mm,z_mm,set\n0,1,nan,nan,nan,\n0.1,2,NaN,NaN,NaN,\n";
+    let (table, found) = read(contacts, &[], &TableFormat::new(1)).unwrap();
+    assert_eq!(table.len(), 2, "{found:?}");
+    // A line that ends early is refused, also where the table is written anew.
+    let short = "q1,x_mm,y_mm,z_mm,temperature,place\n0,1,2,3,20,left\n0,1,2,3,20\n";
+    let refused = read(short, &[], &TableFormat::new(1)).unwrap_err();
+    assert!(refused.contains("line 3"), "{refused}");
 }

@@ -61,7 +61,14 @@ impl Table {
             let word = |v: &f64| if v.is_nan() { String::new() } else { v.to_string() };
             values.iter().map(word).collect()
         };
+        let mut line = 1;
         for (k, row) in self.rows().enumerate() {
+            // A row stays in its line of the user's file, which messages name.
+            while line + 1 < row.line {
+                out.push('\n');
+                line += 1;
+            }
+            line += 1;
             let mut cells = numbers(row.q);
             if torques {
                 cells.extend(row.tau.map_or_else(|| vec![String::new(); n], numbers));

@@ -56,6 +56,28 @@ fn the_iiwas_of_the_field_keep_their_kinematics() {
     }
 }
 
+// Fails if a calibrated file that is calibrated again has two tools, keeps the tool of the first time, or if its tool is
+// taken for the flange of an arm that has no other end.
+#[test]
+fn a_calibrated_file_is_calibrated_again() {
+    let bare = "<robot name=\"two\"><link name=\"a\"/><link name=\"b\"/><link name=\"c\"/>\
+                <joint name=\"j1\" type=\"revolute\"><parent link=\"a\"/><child link=\"b\"/><axis xyz=\"0 0 1\"/>\
+                <limit lower=\"-1\" upper=\"1\" velocity=\"1\" effort=\"1\"/></joint>\
+                <joint name=\"j2\" type=\"revolute\"><parent link=\"b\"/><child link=\"c\"/><origin xyz=\"0.3 0 0\"/>\
+                <axis xyz=\"0 1 0\"/><limit lower=\"-1\" upper=\"1\" velocity=\"1\" effort=\"1\"/></joint></robot>";
+    let iiwa = data("iiwa7.urdf");
+    for text in [bare, &iiwa] {
+        let first = load_urdf_text("first.urdf", text, None).unwrap();
+        let once = write_urdf_with_tcp(&first, &first.rows(), &[], &[0.0, 0.0, 0.1]);
+        let second = load_urdf_text("second.urdf", &once, None).unwrap();
+        assert_eq!(second.frame_names, first.frame_names);
+        let twice = write_urdf_with_tcp(&second, &second.rows(), &[], &[0.0, 0.0, 0.2]);
+        load_urdf_text("third.urdf", &twice, None).unwrap();
+        assert_eq!(twice.matches("_tcp\"/>").count(), once.matches("_tcp\"/>").count());
+        assert!(twice.contains("0 0 0.2") && !twice.contains("0 0 0.1\""), "{twice}");
+    }
+}
+
 /// A serial chain with random origins and axes, some parallel, some at right
 /// angles, some with fixed joints between.
 fn random_urdf() -> impl Strategy<Value = (String, Vec<f64>)> {

@@ -12,7 +12,7 @@ use spherecal_shared::robot::{MdhRow, Pose};
 
 use super::frames::{compose, distance, inverse, row_transform, to_rpy_near};
 use super::model::{Origin, RobotModel, table_frames};
-use super::urdf::{JointMotion, OriginPlace, Urdf, UrdfChain};
+use super::urdf::{JointMotion, OriginPlace, Urdf, UrdfChain, UrdfJoint};
 use super::urdf_in::frames_at_zero;
 
 /// Origins closer to the file's own than this (m, or an entry of the rotation)
@@ -84,12 +84,17 @@ fn attribute(text: &str) -> String {
 /// with corrected joint origins where the robot came from a URDF, else a new
 /// one. `notes` become a comment before the root element.
 pub fn write_urdf(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String]) -> String {
-    let Origin::Urdf(source) = &model.origin else {
-        return new_urdf(model, rows, notes);
-    };
-    let (urdf, chain) = source.as_ref();
+    match &model.origin {
+        Origin::Urdf(source) => edited(source, corrected(model, &source.0, &source.1, rows), notes),
+        _ => new_urdf(model, rows, notes),
+    }
+}
+
+/// The text of a URDF with other joint origins.
+fn edited(source: &(Urdf, UrdfChain), origins: Vec<(usize, Pose<f64>)>, notes: &[String]) -> String {
+    let urdf = &source.0;
     let mut edits: Vec<(usize, usize, String)> = vec![(urdf.root_at, urdf.root_at, comment(notes))];
-    for (i, origin) in corrected(model, urdf, chain, rows) {
+    for (i, origin) in origins {
         let joint = &urdf.joints[i];
         if distance(&origin, &joint.origin) < SAME {
             continue;
@@ -111,8 +116,24 @@ pub fn write_urdf(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String]) ->
     out
 }
 
-/// The same with the TCP (m, in the flange's frame) as a link of its own, `<robot>_tcp`, beside the user's.
+/// The same with the TCP (m, in the flange's frame) as a link of its own, `<robot>_tcp`, beside the user's. That of an
+/// earlier calibration is moved.
 pub fn write_urdf_with_tcp(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String], tcp_m: &[f64; 3]) -> String {
+    let tcp = Pose {
+        position: (*tcp_m).into(),
+        ..Pose::identity()
+    };
+    let tip = &model.frame_names.1;
+    let mut known: &[String] = &[];
+    if let Origin::Urdf(source) = &model.origin {
+        let earlier = |joint: &UrdfJoint| joint.carries_own_tcp() && joint.parent == *tip;
+        if let Some(i) = source.0.joints.iter().position(earlier) {
+            let mut origins = corrected(model, &source.0, &source.1, rows);
+            origins.push((i, tcp));
+            return edited(source, origins, notes);
+        }
+        known = &source.0.links;
+    }
     let mut out = write_urdf(model, rows, notes);
     let Some(end) = out.rfind("</robot>") else { return out };
     let name: String = model
@@ -121,19 +142,19 @@ pub fn write_urdf_with_tcp(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[St
         .chars()
         .map(|c| if c.is_ascii_alphanumeric() { c } else { '_' })
         .collect();
-    let tip = attribute(&model.frame_names.1);
-    let link = format!("{name}_tcp");
-    let tcp = Pose {
-        position: (*tcp_m).into(),
-        ..Pose::identity()
-    };
+    let mut link = format!("{name}_tcp");
+    while known.contains(&link) {
+        link = format!("calibrated_{link}");
+    }
     out.insert_str(
         end,
         &format!(
             "  <!-- the tool centre point that belongs to this geometry -->\n  <link name=\"{link}\"/>\n  \
-             <joint name=\"{tip}-{link}\" type=\"fixed\">\n    {}\n    <parent link=\"{tip}\"/>\n    \
+             <joint name=\"{}\" type=\"fixed\">\n    {}\n    <parent link=\"{}\"/>\n    \
              <child link=\"{link}\"/>\n  </joint>\n",
-            origin_element(&tcp, [0.0; 3])
+            attribute(&UrdfJoint::name_of_tcp(tip, &link)),
+            origin_element(&tcp, [0.0; 3]),
+            attribute(tip)
         ),
     );
     out

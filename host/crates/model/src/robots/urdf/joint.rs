@@ -74,6 +74,18 @@ pub struct UrdfJoint {
 }
 
 impl UrdfJoint {
+    /// The name of a joint that carries a tool centre point which this program wrote.
+    pub fn name_of_tcp(parent: &str, child: &str) -> String {
+        format!("{parent}-{child}")
+    }
+
+    /// Whether it carries a tool centre point that this program wrote into a calibrated file.
+    pub fn carries_own_tcp(&self) -> bool {
+        self.motion == JointMotion::Fixed
+            && self.child.ends_with("_tcp")
+            && self.name == Self::name_of_tcp(&self.parent, &self.child)
+    }
+
     /// Whether it moves by a position of its own.
     pub(in super::super) fn is_driven(&self) -> bool {
         self.mimic.is_none() && matches!(self.motion, JointMotion::Turns | JointMotion::Slides)

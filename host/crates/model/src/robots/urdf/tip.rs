@@ -165,10 +165,12 @@ impl<'u> Arms<'u> {
         }
     }
 
-    /// The joints that hang on a link.
+    /// The joints that hang on a link. A tool of a calibrated file is no part of the arm.
     fn behind(&self, link: &str) -> impl Iterator<Item = (&'u UrdfJoint, Branch)> {
         let all = self.out.get(link).map_or(&[][..], Vec::as_slice);
-        all.iter().map(|&i| (&self.urdf.joints[i], self.branches[i]))
+        all.iter()
+            .map(|&i| (&self.urdf.joints[i], self.branches[i]))
+            .filter(|(joint, _)| !joint.carries_own_tcp())
     }
 
     /// The ends of the arms behind a link that is reached over `driven` joints: the last moved links, with the
