@@ -145,7 +145,7 @@ class Identification:
         return self._native.summary_text()
 
     def _word(self) -> str:
-        return "may be used" if self.verdict.may_be_used else "NOT TO BE TRUSTED"
+        return "OK to use" if self.verdict.may_be_used else "DO NOT USE"
 
     @property
     def parameters(self) -> Parameters:

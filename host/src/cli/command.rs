@@ -33,7 +33,7 @@ Examples:
   spherecal robot show iiwa7             table, limits and masses of a robot
 
 Exit codes: 0 done; 1 the job failed; 2 wrong usage or input;
-3 finished, but the result is not to be trusted.";
+3 finished, but the result must not be used.";
 
 /// A robot arm calibrates itself by touching three precision spheres.
 ///

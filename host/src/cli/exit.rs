@@ -15,7 +15,7 @@ pub enum Exit {
     Failed,
     /// Wrong usage or input.
     Usage,
-    /// Finished, but the result is not to be trusted.
+    /// Finished, but the result must not be used.
     NotTrusted,
 }
 

@@ -50,7 +50,7 @@ use spherecal_store::time::now_utc;
     spherecal identify --robot arm.urdf --data spheres.csv --plate plate.toml --holdout place --out result\n  \
     spherecal identify --robot ur5e --data log.csv --joint-columns j1,j2,j3,j4,j5,j6 --ignore-columns time,operator\n  \
     spherecal identify --robot arm.urdf --data my_bag --topics /joint_states,/leica/point\n\n\
-    Exit codes: 0 done; 1 failed; 2 wrong input; 3 finished, but the result is not to be trusted.")]
+    Exit codes: 0 done; 1 failed; 2 wrong input; 3 finished, but the result must not be used.")]
 pub struct IdentifyArgs {
     /// Built-in name, FILE.toml, FILE.urdf, FILE.urdf#TIP, or FILE.urdf#BASE:TIP for the chain between these links.
     #[arg(long, value_name = "NAME|FILE", requires = "data")]

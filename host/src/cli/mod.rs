@@ -5,7 +5,7 @@
 //! ```
 //!
 //! Results go to stdout; progress, logs and errors go to stderr. Exit codes: 0 done; 1 the job
-//! failed; 2 wrong usage or input; 3 finished, but the result is not to be trusted.
+//! failed; 2 wrong usage or input; 3 finished, but the result must not be used.
 
 mod args;
 mod bag;

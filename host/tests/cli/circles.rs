@@ -84,7 +84,6 @@ fn damage(path: &Path, rng: &mut ChaCha8Rng) -> (String, bool) {
             let table = TABLES[rng.random_range(0..TABLES.len())];
             let statement = format!("DELETE FROM {table}");
             assert!(execute(path, std::slice::from_ref(&statement)), "{statement}");
-            // Without the run and its second copy nothing says what was measured.
             (statement, false)
         }
         5 => {
@@ -109,7 +108,7 @@ fn damage(path: &Path, rng: &mut ChaCha8Rng) -> (String, bool) {
     }
 }
 
-/// Walks so many damages to their end; how many were refused.
+/// Walks so many damages to their end, and prints how many were refused.
 fn walk(count: usize, seed: u64) {
     let folder = tempfile::tempdir().expect("a folder");
     let alone = folder.path().join("alone");

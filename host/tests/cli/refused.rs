@@ -143,6 +143,7 @@ impl Case {
     fn named(&self, sound: f64, words: &[&str]) {
         let output = self.identify(&[]);
         let said = text(&output.stdout) + &text(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{said}");
         for word in words {
             assert!(said.contains(word), "\"{word}\" is not said: {said}");
         }
@@ -370,10 +371,7 @@ fn not_trusted(poses: &str, words: &[&str]) {
         assert!(said.contains(word), "\"{word}\" is not said: {said}");
     }
     let urdf = std::fs::read_to_string(folder.path().join("spherecal-out/calibrated.urdf")).expect("a file");
-    assert!(
-        urdf.contains("SIMULATED") && urdf.contains("NOT TO BE TRUSTED"),
-        "{urdf}"
-    );
+    assert!(urdf.contains("SIMULATED") && urdf.contains("DO NOT USE"), "{urdf}");
 }
 
 // Fails if a run of three poses is trusted, or its files do not say that it is simulated

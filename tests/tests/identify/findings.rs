@@ -1,5 +1,5 @@
 //! A study of what the residual analysis names: five causes, each made in the data of several drawn
-//! robots, and the same robots without any. It prints the rates that `docs/theory.md` states.
+//! robots, and the same robots without any. It prints the rates that `docs/design/record-2026.md` states.
 //!
 //! `FINDINGS_SEEDS=4000:20` names the first seed and the number of robots.
 
@@ -252,7 +252,7 @@ fn long_a_load_is_told_from_the_joints_compliance() {
 
 // Prints the study. Fails if a cause is named in fewer than 9 of 10 robots.
 #[test]
-#[ignore = "study: takes minutes and prints the figures of docs/theory.md"]
+#[ignore = "study: takes minutes and prints the figures of docs/design/record-2026.md"]
 fn study_of_findings() {
     let robots = seeds(100, 10);
     let count = robots.clone().count();

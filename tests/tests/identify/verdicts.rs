@@ -1,6 +1,6 @@
 //! A study of the verdict: how often it refuses honest runs, how often it names small causes,
 //! and how often the interval of the expected error holds the true error. It prints the figures
-//! that `docs/theory.md` states.
+//! that `docs/design/record-2026.md` states.
 //!
 //! The environment can name the first seed and the number of robots of each world, so that a
 //! change can be designed on some robots and measured on others:
@@ -228,7 +228,7 @@ fn coverage(name: &str, found: &[Outcome]) -> f64 {
 // 0.2 mm or a slip of 0.3 mm is named in fewer than 9 of 10 runs, or if the interval of the expected
 // error holds the truth in fewer than 85 % of the sound robots.
 #[test]
-#[ignore = "study: takes minutes and prints the figures of docs/theory.md"]
+#[ignore = "study: takes minutes and prints the figures of docs/design/record-2026.md"]
 fn study_of_the_verdict() {
     let poses = default_plan();
     let (mut refused, mut inside, mut robots) = (0, 0.0, 0.0);
@@ -265,7 +265,7 @@ fn study_of_the_verdict() {
 // Prints how well the interval of the expected error holds in worlds that no model describes. Fails
 // if it holds the truth in fewer than 85 % of the robots of all these worlds together.
 #[test]
-#[ignore = "study: takes minutes and prints the figures of docs/theory.md"]
+#[ignore = "study: takes minutes and prints the figures of docs/design/record-2026.md"]
 fn study_of_broken_worlds() {
     let poses = default_plan();
     let (mut inside, mut robots) = (0.0, 0.0);
@@ -292,7 +292,7 @@ fn study_of_broken_worlds() {
 // Prints what twenty contacts scattered over the cell state, and the truth. Fails if the interval of
 // the expected error of a result that may be used does not hold the truth in 85 % of the robots.
 #[test]
-#[ignore = "study: takes minutes and prints the figures of docs/theory.md"]
+#[ignore = "study: takes minutes and prints the figures of docs/design/record-2026.md"]
 fn study_of_twenty_rows() {
     let all = default_plan();
     let poses: Vec<ContactPose> = all.iter().step_by(all.len().div_ceil(20)).cloned().collect();
@@ -311,11 +311,11 @@ fn study_of_twenty_rows() {
     assert!(inside as f64 >= 0.85 * used as f64, "{inside} of {used}");
 }
 
-// Prints what is stated of robots as hard as real ones, after few and many poses: `docs/theory.md` says
+// Prints what is stated of robots as hard as real ones, after few and many poses: `docs/design/record-2026.md` says
 // that the interval is too narrow for them. Fails if the robots whose joint offsets reach 20 mrad, one in
 // three, are not calibrated: the mean error after 30 poses was 0.89 mm with the default priors alone.
 #[test]
-#[ignore = "study: takes minutes and prints the figures of docs/theory.md"]
+#[ignore = "study: takes minutes and prints the figures of docs/design/record-2026.md"]
 fn study_of_arms_as_measured() {
     for (count, most_mm) in [(30, 0.65), (60, 0.40), (150, 0.32)] {
         let poses = plan_of(count);
@@ -353,11 +353,11 @@ fn long_bad_seats_refuse_nothing_and_a_slip_is_in_the_statement() {
 }
 
 // Prints how the verdict fares on robots as hard as real ones: how many sound ones are refused, and how many
-// whose plate slipped or whose certificate is wrong. `docs/theory.md` has the figures. Fails if more than one
+// whose plate slipped or whose certificate is wrong. `docs/design/record-2026.md` has the figures. Fails if more than one
 // sound robot of twelve is refused, if three of twelve with a fault of 1 mm are not, or if the intervals of any
 // twelve hold the truth in fewer than 85 %.
 #[test]
-#[ignore = "study: takes minutes and prints the figures of docs/theory.md"]
+#[ignore = "study: takes minutes and prints the figures of docs/design/record-2026.md"]
 fn study_of_verdicts_as_measured() {
     let poses = default_plan();
     let all = [

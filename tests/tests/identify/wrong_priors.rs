@@ -41,10 +41,10 @@ fn medians(world: World, plant: &PlantConfig, poses: &[ContactPose]) -> (f64, f6
     (median(|x| x.0), median(|x| x.1))
 }
 
-// Prints the figures of docs/theory.md. Fails if the estimator's own priors cost more than a quarter of
+// Prints the figures of docs/design/record-2026.md. Fails if the estimator's own priors cost more than a quarter of
 // the accuracy of matched ones where sizes differ, or more than that accuracy where the orders do.
 #[test]
-#[ignore = "study: takes minutes and prints the figures of docs/theory.md"]
+#[ignore = "study: takes minutes and prints the figures of docs/design/record-2026.md"]
 fn study_of_priors_that_are_not_the_generators() {
     let plan = design(&Cell::iiwa7(), &DesignRequest::new(150)).expect("the built-in cell is plannable");
     let poses = planned_poses(&plan);

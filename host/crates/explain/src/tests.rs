@@ -212,7 +212,7 @@ fn some_single_mistakes_are_named() {
 // Fails if a single mistake in the data of one of four arms is not named in 95 of 100 cases, or is too often named beside
 // others that fit as well.
 #[test]
-#[ignore = "takes a minute"]
+#[ignore = "slow: the gate runs it"]
 fn slow_single_mistakes_are_named() {
     single_mistakes(1);
 }
@@ -251,8 +251,9 @@ fn sound_tables_are_left_alone() {
     sound_tables(2);
 }
 
+// Fails if something is said to be wrong with one of 200 sound tables.
 #[test]
-#[ignore = "takes a minute"]
+#[ignore = "slow: the gate runs it"]
 fn slow_sound_tables_are_left_alone() {
     sound_tables(50);
 }
@@ -280,8 +281,9 @@ fn two_mistakes_at_once_are_named() {
     two_mistakes(1);
 }
 
+// Fails as above, for six pairs of mistakes on each arm.
 #[test]
-#[ignore = "takes a minute"]
+#[ignore = "slow: the gate runs it"]
 fn slow_two_mistakes_at_once_are_named() {
     two_mistakes(6);
 }

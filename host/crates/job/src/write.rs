@@ -170,14 +170,7 @@ fn notes(results: &Results<'_>, model: &RobotModel) -> Vec<String> {
             evaluation.geometry.apart_mm
         ),
     });
-    notes.push(
-        if verdict.may_be_used {
-            "may be used"
-        } else {
-            "NOT TO BE TRUSTED"
-        }
-        .to_owned(),
-    );
+    notes.push(if verdict.may_be_used { "OK to use" } else { "DO NOT USE" }.to_owned());
     notes.push(format!(
         "TCP {} mm in the flange frame {}: it belongs to this geometry",
         spherecal_identify::evaluate::millimetres(&model.tool.tcp_m),

@@ -109,7 +109,7 @@ pub enum LinkError {
     /// The drive's hello has inertias for some of its joints.
     #[error(
         "the drive's hello has {found} inertias of motors for {joints} joints (motor_kg_m2): give one for each joint, or \
-         none where the drive's own torque loop hides the motors"
+         an empty list if the drive's own torque control already makes up for the motors' inertia"
     )]
     MotorCount {
         /// How many.

@@ -68,7 +68,7 @@ fn samples_read_back_bit_by_bit() {
         (Phase::HandGuiding, true, false)
     );
     assert!(phase.near_singular);
-    // Seven frames: six links, the flange and the TCP, less the root.
+    // One transform for each of the six links, one for the flange, one for the TCP.
     let frames: Vec<usize> = periods
         .iter()
         .filter_map(|p| Some(p.frames.as_ref()?.transforms.len()))

@@ -68,7 +68,7 @@ mod tests {
     use super::super::{CommandMessage, WireError};
     use super::*;
 
-    // Fails if a byte of a frame stands elsewhere, or a message is changed by its frame.
+    // Fails if a byte of a frame is at the wrong position, or if the frame changes the message.
     #[test]
     fn a_frame_is_length_message_checksum() {
         let mut out = [0; MAX_DATAGRAM_SIZE];

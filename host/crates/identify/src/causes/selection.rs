@@ -18,7 +18,7 @@ use crate::error::IdentifyError;
 /// Chance of a false finding over all alternatives of a sound experiment, the load apart.
 pub(crate) const FALSE_FINDINGS: f64 = 1e-3;
 /// Standard deviations beyond which another load is found: one test, weak too, because the priors of the compliance alone keep a
-/// load from passing for more of it. Its chance is 0.5 % for normal errors; `docs/theory.md` has what was measured.
+/// load from passing for more of it. Its chance is 0.5 % for normal errors; `docs/design/record-2026.md` has what was measured.
 pub(crate) const LOAD_LIMIT: f64 = 2.8;
 /// Natural logarithm of how much more common it is that a nest sits badly for a while than that any other cause
 /// meets the same rows: so much less evidence it needs.

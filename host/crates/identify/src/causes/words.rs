@@ -53,7 +53,10 @@ pub(crate) fn short(alternative: &Alternative, course: &Course) -> String {
         ),
         Alternative::Lag { joint: Some(joint) } => format!("joint {}'s readings lag its motion", joint + 1),
         Alternative::Lag { joint: None } => "the joints' readings lag their motion".to_owned(),
-        Alternative::Backlash { joint } => format!("joint {} stands elsewhere after moves up and down", joint + 1),
+        Alternative::Backlash { joint } => format!(
+            "joint {} has another error after moves up than after moves down",
+            joint + 1
+        ),
         Alternative::Place { place, sphere: None } => format!("{} is off", course.place_name(place)),
         Alternative::Place {
             place,

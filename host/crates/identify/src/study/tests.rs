@@ -45,6 +45,7 @@ fn slow_real_closed_loop_data_of_an_iiwa_14_place_by_place() {
             calibrated.errors()
         );
         assert!(
+            // Found: 0.082 mm; 0.075 mm before the one model.
             calibrated.mean_distance_error_mm() < 0.09,
             "{:?}",
             calibrated.distances_mm
@@ -396,10 +397,10 @@ fn long_an_anonymous_table_gives_the_same_robot() {
     }
 }
 
-// Fails if the tolerances in a robot's file are not the priors of its identification, or if they take the place of
-// what the user set.
+// Fails if the tolerances in a robot's file are not the ordinary sizes of its identification, if the data may not change
+// them, or if they take the place of what the user set.
 #[test]
-fn a_robots_tolerances_are_its_priors() {
+fn a_robots_tolerances_are_its_ordinary_sizes() {
     let tolerances = spherecal_model::robots::Tolerances {
         length_m: Some(1.5e-3),
         twist_rad: None,

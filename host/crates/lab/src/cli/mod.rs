@@ -16,7 +16,7 @@ use studies::{ReproduceArgs, WorldsArgs};
 
 const EXIT_CODES: &str = "\
 Exit codes: 0 done; 1 the study failed; 2 wrong usage or input;
-3 finished, but the result is not to be trusted.";
+3 finished, but the result must not be used.";
 
 /// Studies of a robot calibration: estimators and plans on synthetic robots, the paper's tables, faults, long runs.
 #[derive(Debug, Parser)]

@@ -238,7 +238,7 @@ impl std::fmt::Display for Reproduction {
         if self.verdict.may_be_used {
             writeln!(f, "\nThe sphere calibration may be used.")?;
         } else {
-            writeln!(f, "\nThe sphere calibration is NOT to be trusted.")?;
+            writeln!(f, "\nThe sphere calibration must NOT be used.")?;
         }
         for reason in &self.verdict.reasons {
             writeln!(f, "- {reason}")?;

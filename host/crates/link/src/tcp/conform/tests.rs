@@ -205,7 +205,7 @@ fn findings_of(wrong: Wrong) -> Vec<String> {
 // not for that.
 #[test]
 #[ignore = "timed: the gate runs it"]
-fn timed_ten_wrong_drives_are_told_by_their_sentence() {
+fn timed_wrong_drives_are_told_by_their_sentence() {
     let cases = [
         (Wrong::Protocol, "fields of the hello"),
         (Wrong::ThreeMotors, "3 inertias of motors"),
