@@ -28,15 +28,18 @@ use spherecal_model::input::Adjustments;
 use spherecal_model::robots::{JointPath, RobotModel};
 use spherecal_model::{Observation, Sphere};
 
-/// Largest score of a named hypothesis in shares of the table's own.
+/// Largest score of a named hypothesis in shares of the table's own. With this, [`GOOD_M`] and [`TIE`] 273 of 277 single
+/// mistakes of four arms are named, and nothing is said of 200 sound tables (`tests.rs`).
 pub const CLEAR: f64 = 0.3;
 /// Largest score of a named hypothesis, in m: what an arm without any calibration may leave.
 pub const GOOD_M: f64 = 8e-3;
 /// Scores within this factor of the best are as good.
 pub const TIE: f64 = 2.0;
-/// Median distance (m) below which measured points are the nominal model's own: real arms are 20 times as far off.
+/// Median distance (m) below which measured points are the nominal model's own: controllers write them to 1 to 10 µm, and the
+/// best real arm is 0.1 mm off.
 pub const READOUT_M: f64 = 5e-6;
-/// A joint that moves by less than this (rad) says nothing about its neighbours.
+/// A joint that moves by less than this (rad, 2 degrees) says nothing about its neighbours: it moves a TCP at 0.5 m by 17 mm, and
+/// the errors of an arm as much.
 pub const STILL_RAD: f64 = 0.035;
 
 /// A table and the robot that it should be of.

@@ -1,7 +1,6 @@
 //! What was measured on one robot, as plain data: the input of
 //! [`evaluate`](crate::evaluate()).
 
-use nalgebra::Vector3;
 use spherecal_model::input::Labels;
 use spherecal_model::{Experiment, Observation, Pose, Set, Target};
 
@@ -240,13 +239,5 @@ impl Recordings {
         } else {
             Box::new(self.set_aside())
         }
-    }
-
-    /// The tracker's validation points seen in F0 through its measured base, in m.
-    pub fn validation_points_in_base_m(&self, frames: &MeasuredFrames) -> Vec<Vector3<f64>> {
-        let points = self.tracker.iter().flat_map(|t| &t.validation);
-        points
-            .map(|m| frames.base.inverse_point(&Vector3::from(m.point_m)))
-            .collect()
     }
 }

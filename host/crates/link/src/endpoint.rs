@@ -56,7 +56,6 @@ pub struct Arrival {
 struct PendingCommand {
     message: Downlink,
     sent_us: u64,
-    since_us: u64,
     /// Whether the controller has confirmed the command and waits for its start time.
     held: bool,
 }
@@ -160,11 +159,6 @@ impl HostEndpoint {
         sequence
     }
 
-    /// How long the command in progress has waited for an answer, in µs.
-    pub fn unanswered_us(&self, now_us: u64) -> u64 {
-        self.pending.as_ref().map_or(0, |p| now_us.saturating_sub(p.since_us))
-    }
-
     /// Appends to `out` the bytes to send at `now_us`.
     ///
     /// # Errors
@@ -190,7 +184,6 @@ impl HostEndpoint {
             self.pending = Some(PendingCommand {
                 message,
                 sent_us: now_us,
-                since_us: now_us,
                 held: false,
             });
         }

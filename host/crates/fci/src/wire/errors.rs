@@ -73,11 +73,6 @@ impl ErrorFlag {
     pub const fn bit(self) -> usize {
         self as usize
     }
-
-    /// Whether an automatic error recovery can clear the error. A joint beyond its limits must be moved back by hand.
-    pub const fn recovers_automatically(self) -> bool {
-        !matches!(self, Self::JointPositionLimitsViolation)
-    }
 }
 
 impl std::fmt::Display for ErrorFlag {

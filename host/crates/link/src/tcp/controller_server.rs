@@ -75,7 +75,8 @@ fn serve(
             if let Some(reason) = left.reason {
                 told(&reason);
             }
-            if once {
+            // One that gave way to another was not the one.
+            if once && next.is_none() {
                 return Ok(());
             }
         }

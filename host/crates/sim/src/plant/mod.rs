@@ -57,7 +57,7 @@ pub use hand::Hand;
 pub use preset::PRESETS;
 pub use sensors::{Sensed, TorqueSensorFault};
 pub use simulation::Plant;
-pub use study::{Rest, SeatOn, StillArm};
+pub use study::{Rest, StillArm};
 pub use tracker::Shot;
 pub use truth::Truth;
 pub use world::{MAX_SPHERES, TrueCell};

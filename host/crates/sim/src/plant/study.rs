@@ -28,15 +28,6 @@ pub struct Rest<const N: usize> {
     pub tcp: Pose<f64>,
 }
 
-/// How a contact is made.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SeatOn {
-    /// The nest is on the tool, the sphere on the plate: a seat's error turns with the tool.
-    Tool,
-    /// The ball is on the tool, its socket on the plate: a seat's error stays with the plate.
-    Plate,
-}
-
 /// An arm at rest and the state that depends on its path.
 #[derive(Clone, Debug)]
 pub(super) struct Standing<const N: usize> {
@@ -115,7 +106,6 @@ pub struct StillArm<'a, const N: usize> {
     config: &'a PlantConfig,
     standing: Standing<N>,
     coupling: SeatScatter,
-    seat_on: SeatOn,
     rng: ChaCha8Rng,
 }
 
@@ -127,16 +117,8 @@ impl<'a, const N: usize> StillArm<'a, N> {
             config,
             standing: Standing::new(cell, config.seed),
             coupling: SeatScatter::new(config),
-            seat_on: SeatOn::Tool,
             rng: stream(config.seed, Stream::Noise),
         }
-    }
-
-    /// The same with the seats on the plate or on the tool.
-    #[must_use]
-    pub fn with_seat_on(mut self, seat_on: SeatOn) -> Self {
-        self.seat_on = seat_on;
-        self
     }
 
     /// Time passes; links and plate drift.
@@ -184,10 +166,8 @@ impl<'a, const N: usize> StillArm<'a, N> {
                 return *centre;
             }
             let seat = self.coupling.seated(nest, &tcp.rotation, &plate);
-            match self.seat_on {
-                SeatOn::Tool => centre - tcp.rotation * seat,
-                SeatOn::Plate => centre + plate * seat,
-            }
+            // The nest is on the tool: a seat's error turns with it.
+            centre - tcp.rotation * seat
         };
         let arm = &self.standing.arm;
         let mut q = *guess;
