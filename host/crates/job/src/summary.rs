@@ -215,7 +215,7 @@ pub fn summarise(m: &Measurements, e: &Evaluation, created: &str) -> Result<Summ
     let recordings_sha256 = hash(&m.recordings)?;
     Ok(Summary {
         certificate: run_certificate(m, e, created, &recordings_sha256)?,
-        files: crate::write::files_json(e),
+        files: files_json(e),
         command: "run",
         version: env!("CARGO_PKG_VERSION"),
         seed: m.seed,
@@ -297,4 +297,22 @@ pub fn expected_words(e: &ExpectedErrors) -> String {
         of("as measured, with the instrument's noise,", &e.measured),
         of("over the whole reach", &e.whole)
     )
+}
+
+/// The files of a result with the error that each has over the work region, for `summary.json`.
+pub(crate) fn files_json(evaluation: &Evaluation) -> serde_json::Value {
+    let verdict = &evaluation.verdict;
+    let mut files = vec![serde_json::json!({
+        "name": "calibrated.toml with its compensator",
+        "expected_error_mm": verdict.expected_error_mm.map(|e| e.work),
+        "region": "work",
+    })];
+    if evaluation.geometry.helps() {
+        files.push(serde_json::json!({
+            "name": "calibrated.urdf",
+            "expected_error_mm": verdict.file_error_mm.map(|e| e.work),
+            "region": "work",
+        }));
+    }
+    files.into()
 }

@@ -136,24 +136,6 @@ pub(crate) fn calibrated_texts(results: &Results<'_>) -> CalibratedTexts {
     }
 }
 
-/// The files of a result with the error that each has over the work region, for `summary.json`.
-pub(crate) fn files_json(evaluation: &Evaluation) -> serde_json::Value {
-    let verdict = &evaluation.verdict;
-    let mut files = vec![serde_json::json!({
-        "name": "calibrated.toml with its compensator",
-        "expected_error_mm": verdict.expected_error_mm.map(|e| e.work),
-        "region": "work",
-    })];
-    if evaluation.geometry.helps() {
-        files.push(serde_json::json!({
-            "name": "calibrated.urdf",
-            "expected_error_mm": verdict.file_error_mm.map(|e| e.work),
-            "region": "work",
-        }));
-    }
-    files.into()
-}
-
 /// What a calibrated file says of its origin: first the error of the file itself.
 fn notes(results: &Results<'_>, model: &RobotModel) -> Vec<String> {
     let evaluation = results.evaluation;

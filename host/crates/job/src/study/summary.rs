@@ -156,7 +156,7 @@ pub fn summary_json(study: &Study, certificate: &Certificate) -> Value {
         "predicted": { "mean_mm": evaluation.predicted_mm.0, "max_mm": evaluation.predicted_mm.1 },
         "validation": evaluation.judged.as_ref().map_or_else(|| json!({ "n": 0, "models": {} }), |j| judged_json(j, closed_loop)),
         "verdict": evaluation.verdict,
-        "files": crate::write::files_json(evaluation),
+        "files": crate::summary::files_json(evaluation),
         "certificate": certificate,
         "notes": study.notes,
         "recordings_sha256": certificate.recordings_sha256,
