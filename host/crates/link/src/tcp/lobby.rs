@@ -101,11 +101,8 @@ impl Lobby {
         listener.set_nonblocking(true).map_err(failed)?;
         // So many in one look at most: a flood of connections must not keep the caller.
         for _ in 0..MOST {
-            let (mut stream, address) = match listener.accept() {
-                Ok(accepted) => accepted,
-                // Nobody, a peer that is gone already, or no descriptor is free: the next look tries again.
-                Err(_) => break,
-            };
+            // Nobody, a peer that is gone already, or no descriptor is free: the next look tries again.
+            let Ok((mut stream, address)) = listener.accept() else { break };
             // A fresh connection has room for a greeting.
             let greeted = stream
                 .set_nonblocking(true)
