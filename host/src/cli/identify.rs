@@ -105,6 +105,9 @@ pub struct IdentifyArgs {
     /// Options as TOML: noise, priors and fixed parameters, harmonics.
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
+    /// Without effect, and accepted for one more release: the data find how large the arm's errors are.
+    #[arg(long, requires = "data", hide = true)]
+    pub uncalibrated: bool,
     /// Names and numbers for page one of the report: a file with the block [certificate], such as the cell's
     /// configuration.
     #[arg(long, value_name = "FILE.toml", requires = "data")]
@@ -160,6 +163,9 @@ fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<StudyRequest
     }
     if args.config.is_none() || args.model != Model::Full {
         options.model = args.model;
+    }
+    if args.uncalibrated {
+        errln!("spherecal: --uncalibrated is not needed any more: the data find how large the arm's errors are");
     }
     if let Some(seed) = args.seed {
         options.seed = seed;

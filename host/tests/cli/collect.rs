@@ -226,6 +226,7 @@ fn collect_and_identify(folder: &Path, link: &str, name: &str, truth: &TrueArm, 
     ];
     let output = spherecal(folder, &identify);
     let said = text(&output.stderr);
+    assert!(said.contains("--uncalibrated is not needed any more"), "{said}");
     // 24 rows are few: the verdict may vouch for the result, or say that they are too few.
     let code = output.status.code();
     assert!(matches!(code, Some(0 | 3)), "{said}");
