@@ -399,7 +399,7 @@ fn slow_what_cannot_be_collected_is_refused_with_the_remedy() {
             "give another file",
         ),
         (
-            &["collect", "--link", link, "--auto", "--wait-s", "4"],
+            &["collect", "--link", link, "--auto", "--wait-s", "12"],
             1,
             "no new still pose",
         ),

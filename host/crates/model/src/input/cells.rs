@@ -15,6 +15,14 @@ pub(super) enum SplitError {
     TooMany,
 }
 
+/// Cells that stand for no value.
+const NO_VALUE: [&str; 7] = ["", "nan", "-nan", "null", "none", "na", "n/a"];
+
+/// Whether a cell says that there is no value.
+pub(super) fn no_value(cell: &str) -> bool {
+    NO_VALUE.iter().any(|word| cell.eq_ignore_ascii_case(word))
+}
+
 /// Cuts lines into cells.
 pub(super) struct Splitter {
     reader: csv_core::Reader,

@@ -1,6 +1,6 @@
 //! One row of the table of poses: reads its cells, checks them, and keeps them.
 
-use super::cells::{Decimals, NumberError, SeenSign, SplitError, Splitter};
+use super::cells::{Decimals, NumberError, SeenSign, SplitError, Splitter, no_value};
 use super::columns::{ColumnRole, TableFormat, TableHeader};
 use super::error::InputError;
 use super::table::{Labels, NONE, RowFields, Table, rotation};
@@ -156,6 +156,7 @@ impl<'a> RowReader<'a> {
             line: u32::try_from(self.line).unwrap_or(u32::MAX),
             set: None,
         };
+        let contacts = header.columns.contains(&ColumnRole::Sphere);
         for (k, column) in header.columns.iter().enumerate() {
             let text = cells.cell(k);
             match *column {
@@ -173,6 +174,8 @@ impl<'a> RowReader<'a> {
                     return Err(self.refuse(k, text, "give the column a name, or remove the cell"));
                 }
                 _ if text.is_empty() => {}
+                // A contact names its sphere, whatever stands in the columns of points.
+                ColumnRole::Coordinate { .. } if contacts && no_value(text) => {}
                 ColumnRole::Torque { joint } => {
                     self.tau[joint] = self.number(k, text, 1.0, 1e5, "more than 100,000: torques are in N m")?;
                 }

@@ -11,7 +11,7 @@
 
 use std::io::Read;
 
-use super::cells::{Splitter, separator};
+use super::cells::{Splitter, no_value, separator};
 use super::column_plan::{OutColumn, Plan};
 use super::columns::TableFormat;
 use super::csv_row::{refuse_line, split_error};
@@ -31,13 +31,6 @@ pub struct Recorded {
     pub notes: Vec<String>,
     /// Whether anything was: else the file itself may be read.
     pub changed: bool,
-}
-
-/// Cells that stand for no value.
-const NO_VALUE: [&str; 7] = ["", "nan", "-nan", "null", "none", "na", "n/a"];
-
-pub(super) fn no_value(cell: &str) -> bool {
-    NO_VALUE.iter().any(|word| cell.eq_ignore_ascii_case(word))
 }
 
 fn is_number(cell: &str) -> bool {
