@@ -1,0 +1,81 @@
+//! What travels between robot and client, byte by byte.
+//!
+//! RTDE: each package is `u16` size (header included), `u8` kind, payload: a [`Request`] of the client or an [`Answer`] of the
+//! robot. A client negotiates protocol 2, names the fields that it wants (the *recipe*) and their rate, and starts the stream
+//! of data packages. The
+//! [primary interface](primary) sends the robot's own calibration once after the connection.
+//!
+//! Every decoder is total: it returns a [`WireError`] for bytes that are no package, and never panics.
+
+mod bytes;
+mod fields;
+mod modes;
+mod package;
+pub mod primary;
+mod value;
+
+pub use fields::{input_type, output_type};
+pub use modes::{RobotMode, RuntimeState, SafetyMode, Series, words};
+pub use package::{
+    Answer, ControllerVersion, HEADER_SIZE, MAX_ANSWER, MAX_NAMES, MAX_REQUEST, PROTOCOL, PackageKind, Recipe, Request,
+    Setup, TextLevel, TextMessage, take_package,
+};
+pub use primary::KinematicsInfo;
+pub use value::{FieldType, IN_USE, NOT_FOUND, Value};
+
+/// Why bytes are no package.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum WireError {
+    /// The package ends before its last field.
+    #[error("a package of kind {kind} ends in the field {field}")]
+    Cut {
+        /// What is read.
+        kind: &'static str,
+        /// The field that is cut.
+        field: &'static str,
+    },
+    /// A package has more bytes than its fields.
+    #[error("a package of kind {kind} has {left} bytes too many")]
+    TooLong {
+        /// What is read.
+        kind: &'static str,
+        /// Bytes behind the last field.
+        left: usize,
+    },
+    /// A size that no package has.
+    #[error("a package of {size} bytes cannot be: give {least} to {most}")]
+    Size {
+        /// What the header says.
+        size: usize,
+        /// Header alone.
+        least: usize,
+        /// The largest that is accepted.
+        most: usize,
+    },
+    /// An enumeration has a value that means nothing.
+    #[error("the field {field} has the value {value}, which means nothing")]
+    UnknownValue {
+        /// The field.
+        field: &'static str,
+        /// The value that came.
+        value: i32,
+    },
+    /// A type of a field that is none.
+    #[error("the robot names the type \"{name}\", which is unknown")]
+    UnknownType {
+        /// The type, as it came.
+        name: String,
+    },
+    /// Text that is not UTF-8.
+    #[error("the text of a package of kind {kind} is not UTF-8")]
+    Text {
+        /// What is read.
+        kind: &'static str,
+    },
+    /// A number that is not finite.
+    #[error("the field {field} is not a finite number")]
+    NotFinite {
+        /// The field.
+        field: &'static str,
+    },
+}

@@ -1,0 +1,6 @@
+//! Tests of the wires of Universal Robots, through the crate's public interface.
+
+mod common;
+mod loopback;
+mod registers;
+mod wire;
