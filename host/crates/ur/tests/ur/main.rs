@@ -2,5 +2,6 @@
 
 mod common;
 mod loopback;
+mod official_client;
 mod registers;
 mod wire;
