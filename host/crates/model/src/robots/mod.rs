@@ -71,11 +71,15 @@ pub fn built_in(name: &str) -> Option<RobotModel> {
 /// another robot.
 pub fn payload_kg(name: &str) -> Option<f64> {
     match name {
-        "panda" | "fr3" | "irb120" => Some(3.0),
+        "panda" | "fr3" | "irb120" | "ur3e" => Some(3.0),
         "ur5e" => Some(5.0),
         "iiwa7" => Some(7.0),
         "ur10e" => Some(12.5),
         "iiwa14" => Some(14.0),
+        "ur16e" => Some(16.0),
+        // The first data sheets' figures; newer software permits 25 and 35 kg.
+        "ur20" => Some(20.0),
+        "ur30" => Some(30.0),
         _ => None,
     }
 }
@@ -87,7 +91,7 @@ fn nearest(spec: &str) -> Option<&'static str> {
         .iter()
         .filter(|known| known.chars().next() == spec.chars().next())
         .map(|known| (strsim::levenshtein(&spec, known), *known))
-        .min()
+        .min_by_key(|(distance, _)| *distance)
         .filter(|(distance, known)| *distance <= 2 && *distance < known.len().min(spec.len()))
         .map(|(_, known)| known)
 }

@@ -163,6 +163,10 @@ fn built_in_tables_are_the_published_robots() {
         ("fr3", "fr3"),
         ("ur5e", "ur5e"),
         ("ur10e", "ur10e"),
+        ("ur3e", "ur3e"),
+        ("ur16e", "ur16e"),
+        ("ur20", "ur20"),
+        ("ur30", "ur30"),
         ("irb120", "irb120"),
     ] {
         let table = load(name).unwrap();

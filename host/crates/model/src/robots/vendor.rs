@@ -159,6 +159,22 @@ fn nominal(name: &str) -> Option<RobotModel> {
             Form::UniversalRobots,
             ur([0.1807, 0.6127, 0.57155, 0.17415, 0.11985, 0.11655]),
         ),
+        "ur3e" => (
+            Form::UniversalRobots,
+            ur([0.15185, 0.24355, 0.2132, 0.13105, 0.08535, 0.0921]),
+        ),
+        "ur16e" => (
+            Form::UniversalRobots,
+            ur([0.1807, 0.4784, 0.36, 0.17415, 0.11985, 0.11655]),
+        ),
+        "ur20" => (
+            Form::UniversalRobots,
+            ur([0.2363, 0.862, 0.7287, 0.201, 0.1593, 0.1543]),
+        ),
+        "ur30" => (
+            Form::UniversalRobots,
+            ur([0.2363, 0.637, 0.5037, 0.201, 0.1593, 0.1543]),
+        ),
         "panda" | "fr3" => (Form::Franka, franka()),
         _ => return None,
     };
@@ -169,7 +185,7 @@ fn nominal(name: &str) -> Option<RobotModel> {
 /// vendors' descriptions differ.
 pub(super) fn joint_names(name: &str) -> Vec<String> {
     match name {
-        "ur5e" | "ur10e" => UR_JOINTS.map(str::to_owned).to_vec(),
+        "ur3e" | "ur5e" | "ur10e" | "ur16e" | "ur20" | "ur30" => UR_JOINTS.map(str::to_owned).to_vec(),
         "panda" | "fr3" => (1..=7).map(|k| format!("{name}_joint{k}")).collect(),
         _ => Vec::new(),
     }
