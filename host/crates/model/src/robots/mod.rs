@@ -12,6 +12,7 @@
 //!   FILE.yaml ┘                              └─▶ offsets.yaml
 //! ```
 
+mod compare;
 mod compensator;
 mod error;
 mod frame_tree;
@@ -20,6 +21,7 @@ pub mod kinematics_yaml;
 pub mod mdh;
 mod model;
 mod path;
+mod standard_dh;
 pub mod toml_file;
 mod toml_text;
 pub mod urdf;
@@ -35,12 +37,14 @@ use spherecal_shared::robot::{BUILT_IN, Pose, Tool, iiwa7_tool};
 use crate::read_text;
 use urdf::Srdf;
 
+pub use compare::{LinkDifference, RobotDifference, compare};
 pub use compensator::read_compensator;
 pub use error::RobotFileError;
 pub use frame_tree::{FrameInParent, FrameTree};
 pub use kinematics_yaml::{write_kinematics_yaml, write_offsets_yaml};
 pub use model::{Origin, RobotModel, Tolerances, moved, near, table_frames};
 pub use path::{JointKind, JointPath, PathFrames, PathJoint, Twist};
+pub use standard_dh::StandardDh;
 pub use urdf_in::load as load_urdf_text;
 pub use urdf_out::{write_urdf, write_urdf_with_tcp};
 

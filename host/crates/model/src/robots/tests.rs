@@ -3,6 +3,7 @@
 #![allow(clippy::approx_constant)] // URDF files write 1.5708.
 mod origins;
 mod refused;
+mod standard_dh;
 mod tips;
 
 use proptest::prelude::*;
