@@ -402,11 +402,11 @@ fn slow_what_cannot_be_collected_is_refused_with_the_remedy() {
             1,
             "no new still pose",
         ),
-        (&["plant", "--guide", "hand.csv"], 2, "give --fci or --fri"),
+        (&["plant", "--guide", "hand.csv"], 2, "give --fci, --fri or --ur"),
         (
             &["plant", "--fci", "--listen", "0", "--guide", "other.csv"],
             2,
-            "seven angles",
+            "7 joint angles",
         ),
     ] {
         let output = spherecal(folder.path(), arguments);

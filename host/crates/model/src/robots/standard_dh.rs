@@ -5,6 +5,8 @@
 //! apart along their axes. Here those frames are moved back along their axes, as the maker's tool `ur_calibration` does, so
 //! that a joint origin tells what it seems to tell. The kinematics stay.
 
+use std::f64::consts::FRAC_PI_2;
+
 use nalgebra::Vector3;
 use spherecal_shared::robot::Pose;
 
@@ -55,6 +57,16 @@ fn turned(frame: &Pose<f64>, point: &Vector3<f64>) -> Pose<f64> {
 }
 
 impl StandardDh {
+    /// The nominal parameters of a robot with these lengths d1, a2, a3, d4, d5, d6 (m).
+    pub fn of_lengths([d1, a2, a3, d4, d5, d6]: [f64; JOINTS]) -> Self {
+        Self {
+            theta: [0.0; JOINTS],
+            a: [0.0, -a2, -a3, 0.0, 0.0, 0.0],
+            d: [d1, 0.0, 0.0, d4, d5, d6],
+            alpha: [FRAC_PI_2, 0.0, 0.0, FRAC_PI_2, -FRAC_PI_2, 0.0],
+        }
+    }
+
     /// The frames of the joints in the robot's base, all joints at zero, and the flange.
     fn frames(&self) -> ([Pose<f64>; JOINTS], Pose<f64>) {
         let mut at = Pose::identity();
@@ -133,6 +145,14 @@ impl StandardDh {
         }
         Ok(model)
     }
+}
+
+/// The lengths d1, a2, a3, d4, d5, d6 (m) of a built-in robot of Universal Robots, by its name.
+pub fn ur_lengths(name: &str) -> Option<[f64; JOINTS]> {
+    vendor::UR_ROBOTS
+        .iter()
+        .find(|(known, _)| *known == name)
+        .map(|(_, lengths)| *lengths)
 }
 
 /// The built-in robot of the maker whose joint origins are all within 15 mm of these.

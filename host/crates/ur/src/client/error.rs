@@ -49,7 +49,7 @@ pub enum ClientError {
         after: Duration,
     },
     /// The robot does not speak the protocol.
-    #[error("the robot does not speak RTDE protocol {PROTOCOL}: it needs software 3.3 or newer")]
+    #[error("the robot does not speak RTDE protocol {PROTOCOL}: update its software")]
     Protocol,
     /// The robot lacks a field that is needed.
     #[error("the robot (software {version}) does not know the RTDE field {field}: update its software")]

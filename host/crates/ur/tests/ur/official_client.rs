@@ -13,6 +13,9 @@ use spherecal_ur::wire::Series;
 
 use crate::common::{POSE, calibration};
 
+/// Torques that the arm tells, N m.
+const MOMENT: [f64; 6] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
+
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../..")
 }
@@ -33,16 +36,22 @@ fn ur_rtde_reads_the_robot_side() {
     turn.lock().expect("the lock");
     let arm = Arc::new(Mutex::new(ArmState {
         q: POSE,
-        moment: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
+        moment: MOMENT,
         ..ArmState::default()
     }));
     let side =
         RobotSide::start(RobotConfig::new(Series::ESeries, calibration()), Box::new(arm)).expect("port 30004 is free");
+    let dh = calibration();
+    let expected = format!(
+        r#"{{"q": {POSE:?}, "within": 0, "moment": {MOMENT:?}, "theta": {:?}, "a": {:?}, "d": {:?}, "alpha": {:?}}}"#,
+        dh.theta, dh.a, dh.d, dh.alpha
+    );
     // A client that hangs must not hang the tests.
     let output = Process::new("timeout")
         .arg("60")
         .arg(python)
         .arg(root().join("tests/python/ur_conformance.py"))
+        .arg(expected)
         .output()
         .expect("python runs");
     let (out, err) = (

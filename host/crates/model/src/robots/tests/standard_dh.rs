@@ -4,23 +4,12 @@
 //! Universal_Robots_ROS2_Driver, `ur_calibration/test/calibration_test.cpp` (BSD-3-Clause). Two of them put the frames of the
 //! parallel joints hundreds of metres apart.
 
-use std::f64::consts::FRAC_PI_2;
-
 use nalgebra::Vector3;
 
 use super::super::frames::{compose, distance, from_rpy, rot_x, rot_z};
 use super::super::vendor::{UR_KEYS, UR_ROBOTS};
 use super::super::*;
 use crate::halton::halton;
-
-fn of_lengths([d1, a2, a3, d4, d5, d6]: [f64; 6]) -> StandardDh {
-    StandardDh {
-        theta: [0.0; 6],
-        a: [0.0, -a2, -a3, 0.0, 0.0, 0.0],
-        d: [d1, 0.0, 0.0, d4, d5, d6],
-        alpha: [FRAC_PI_2, 0.0, 0.0, FRAC_PI_2, -FRAC_PI_2, 0.0],
-    }
-}
 
 const UR10: [f64; 6] = [0.1273, 0.612, 0.5723, 0.163941, 0.1157, 0.0922];
 
@@ -164,7 +153,7 @@ fn a_calibrated_robot_moves_as_its_parameters_say() {
         position: Vector3::zeros(),
     };
     for correction in &CORRECTIONS {
-        let dh = corrected(of_lengths(UR10), correction);
+        let dh = corrected(StandardDh::of_lengths(UR10), correction);
         let model = dh.robot().expect("a robot");
         assert_eq!(model.robot.name.as_str(), "ur", "a UR10 is not built in");
         for k in 1..200 {
@@ -207,7 +196,7 @@ fn a_calibrated_robot_moves_as_its_parameters_say() {
 fn built_in_robots_are_recognised() {
     for (name, lengths) in UR_ROBOTS {
         let known = built_in(name).expect("built in");
-        let exact = of_lengths(lengths).robot().expect("a robot");
+        let exact = StandardDh::of_lengths(lengths).robot().expect("a robot");
         let difference = compare(&known, &exact).expect("six joints");
         assert!(difference.max_m < 1e-12, "{name}: {difference:?}");
         let small = |x: &[f64; 3]| x.iter().all(|x| x.abs() < 1e-9);
@@ -218,7 +207,7 @@ fn built_in_robots_are_recognised() {
                 .all(|link| small(&link.shift_m) && small(&link.turn_rad)),
             "{difference:?}"
         );
-        let one = corrected(of_lengths(lengths), &CORRECTIONS[0])
+        let one = corrected(StandardDh::of_lengths(lengths), &CORRECTIONS[0])
             .robot()
             .expect("a robot");
         for model in [exact, one] {
