@@ -105,9 +105,15 @@ pub(super) fn run(args: &RobotArgs) -> Result<Exit, CliError> {
             let model = read(link, *json)?;
             if let Some(to) = to {
                 convert(&model, to)?;
+                if !json {
+                    outln!("\n{}", to.display());
+                }
             }
         }
-        RobotAction::Convert { robot, to } => convert(&robots::load(robot)?, to)?,
+        RobotAction::Convert { robot, to } => {
+            convert(&robots::load(robot)?, to)?;
+            outln!("{}", to.display());
+        }
     }
     Ok(Exit::Done)
 }
@@ -313,10 +319,10 @@ fn convert(model: &RobotModel, to: &Path) -> Result<(), CliError> {
             )));
         }
     };
-    write_file(to, text).map_err(|source| JobError::Write {
-        path: to.display().to_string(),
-        source,
-    })?;
-    outln!("{}", to.display());
-    Ok(())
+    write_file(to, text).map_err(|source| {
+        CliError::from(JobError::Write {
+            path: to.display().to_string(),
+            source,
+        })
+    })
 }

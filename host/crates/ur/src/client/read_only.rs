@@ -1,5 +1,6 @@
 //! The RTDE client that only reads.
 
+use std::collections::VecDeque;
 use std::time::Instant;
 
 use super::channel::Channel;
@@ -21,7 +22,9 @@ pub struct ReadOnlyClient {
     recipe: Recipe,
     /// Number of the recipe on the wire.
     number: u8,
-    messages: Vec<TextMessage>,
+    messages: VecDeque<TextMessage>,
+    /// States that have come and were not handed out.
+    states: VecDeque<RobotState>,
     skipped: u64,
 }
 
@@ -38,7 +41,8 @@ impl ReadOnlyClient {
             version: ControllerVersion::default(),
             recipe: Recipe::default(),
             number: 0,
-            messages: Vec::new(),
+            messages: VecDeque::new(),
+            states: VecDeque::new(),
             skipped: 0,
         };
         client.negotiate()?;
@@ -114,9 +118,9 @@ impl ReadOnlyClient {
                 match Answer::decode(kind, &payload)? {
                     Answer::Text(message) => {
                         if self.messages.len() == MESSAGES {
-                            self.messages.remove(0);
+                            self.messages.pop_front();
                         }
-                        self.messages.push(message);
+                        self.messages.push_back(message);
                     }
                     answer => return Ok(Some(answer)),
                 }
@@ -127,32 +131,34 @@ impl ReadOnlyClient {
         }
     }
 
-    /// Waits for the robot's next state. If several have come, it is the newest.
+    /// Waits for the robot's next state. None is left out while the caller is late by less than a second: a mean over a
+    /// rest needs them all.
     ///
     /// # Errors
     /// [`ClientError::Silent`] or [`ClientError::Closed`] if none comes, [`ClientError::Wire`] if it is invalid.
     pub fn receive(&mut self) -> Result<RobotState, ClientError> {
         let after = self.config.state_timeout;
         let deadline = self.channel.now() + after;
-        let mut newest = None;
-        loop {
-            // A robot that sends without a pause must not keep the client here.
-            let wait = newest.is_none().then_some(deadline);
-            let more = newest.is_none() || self.channel.now() < deadline;
-            let answer = if more { self.next(wait)? } else { None };
-            match (answer, newest) {
-                (Some(Answer::Data(number, values)), before) if number == self.number => {
+        let most = self.series().rate_hz() as usize;
+        // What has come already; a robot that sends without a pause must not keep the client here.
+        for _ in 0..2 * most {
+            let wait = self.states.is_empty().then_some(deadline);
+            match self.next(wait)? {
+                Some(Answer::Data(number, values)) if number == self.number => {
                     let state = RobotState::of(&self.recipe.decode(&values)?);
-                    let state = state.ok_or(WireError::NotFinite { field: "data package" })?;
-                    self.skipped += u64::from(before.is_some());
-                    newest = Some(state);
+                    self.states
+                        .push_back(state.ok_or(WireError::NotFinite { field: "data package" })?);
+                    if self.states.len() > most {
+                        self.states.pop_front();
+                        self.skipped += 1;
+                    }
                 }
                 // An answer that comes late, or data of another recipe.
-                (Some(_), _) => {}
-                (None, Some(state)) => return Ok(state),
-                (None, None) => return Err(ClientError::Silent { after }),
+                Some(_) => {}
+                None => break,
             }
         }
+        self.states.pop_front().ok_or(ClientError::Silent { after })
     }
 
     /// The version of the robot's software.
@@ -165,13 +171,13 @@ impl ReadOnlyClient {
         Series::of(self.version.major)
     }
 
-    /// States that were not handed out because a newer one had come.
+    /// States that were not handed out because they were older than a second.
     pub fn skipped(&self) -> u64 {
         self.skipped
     }
 
     /// The oldest message for people that was not read yet.
     pub fn message(&mut self) -> Option<TextMessage> {
-        (!self.messages.is_empty()).then(|| self.messages.remove(0))
+        self.messages.pop_front()
     }
 }
