@@ -88,7 +88,13 @@ pub enum WireError {
 pub fn fuzz_decode(data: &[u8]) {
     let mut received = data.to_vec();
     while let Ok(Some((kind, payload))) = take_package(&mut received, MAX_ANSWER) {
-        let again = |bytes: Vec<u8>| take_package(&mut { bytes }, MAX_ANSWER).ok().flatten().unwrap_or((kind, Vec::new())).1;
+        let again = |bytes: Vec<u8>| {
+            take_package(&mut { bytes }, MAX_ANSWER)
+                .ok()
+                .flatten()
+                .unwrap_or((kind, Vec::new()))
+                .1
+        };
         // A text with letters of another encoding grows, and may be cut.
         let text = kind == PackageKind::Text;
         match Request::decode(kind, &payload) {
