@@ -64,7 +64,9 @@ impl Outputs<'_> {
             SafetyMode::Reduced => (1, false, false),
             SafetyMode::ProtectiveStop => (2, false, true),
             SafetyMode::Recovery => (3, false, false),
-            SafetyMode::SystemEmergencyStop => (5, true, true),
+            SafetyMode::SystemEmergencyStop | SafetyMode::ImmiEmergencyStop | SafetyMode::ProfisafeEmergencyStop => {
+                (5, true, true)
+            }
             SafetyMode::RobotEmergencyStop => (6, true, true),
             SafetyMode::Violation => (8, false, true),
             SafetyMode::Fault => (9, false, true),

@@ -64,6 +64,20 @@ wire_enum! {
         SystemThreePositionEnablingStop = 13, "SYSTEM_THREE_POSITION_ENABLING_STOP";
         /// The enabling device of the teach pendant is not held.
         PendantThreePositionEnablingStop = 14, "TP_THREE_POSITION_ENABLING_STOP";
+        /// An emergency stop of an injection moulding machine.
+        ImmiEmergencyStop = 15, "IMMI_EMERGENCY_STOP";
+        /// A safeguard of an injection moulding machine stops the arm.
+        ImmiSafeguardStop = 16, "IMMI_SAFEGUARD_STOP";
+        /// The fieldbus PROFIsafe has not sent its parameters.
+        ProfisafeWaiting = 17, "PROFISAFE_WAITING_FOR_PARAMETERS";
+        /// A safeguard of the automatic mode, by PROFIsafe.
+        ProfisafeAutomaticModeSafeguardStop = 18, "PROFISAFE_AUTOMATIC_MODE_SAFEGUARD_STOP";
+        /// A safeguard, by PROFIsafe.
+        ProfisafeSafeguardStop = 19, "PROFISAFE_SAFEGUARD_STOP";
+        /// An emergency stop, by PROFIsafe.
+        ProfisafeEmergencyStop = 20, "PROFISAFE_EMERGENCY_STOP";
+        /// A safeguard, by the safety interface.
+        SafetyApiSafeguardStop = 22, "SAFETY_API_SAFEGUARD_STOP";
     }
 }
 

@@ -2,9 +2,9 @@
 
 use spherecal_cyclic::wire_enum;
 
+use super::WireError;
 use super::bytes::Bytes;
 use super::value::{FieldType, Value};
-use super::{WireError, output_type};
 
 /// The protocol that is spoken here.
 pub const PROTOCOL: u16 = 2;
@@ -334,11 +334,6 @@ pub struct Recipe {
 }
 
 impl Recipe {
-    /// The outputs with these names; `None` in place of those that are unknown.
-    pub fn of_outputs(names: &[String]) -> Vec<Option<FieldType>> {
-        names.iter().map(|name| output_type(name)).collect()
-    }
-
     /// Reads the values of a data package.
     ///
     /// # Errors

@@ -90,6 +90,7 @@ fn stops_modes_and_programs_have_the_robots_words() {
         (7, 3, Some("PROTECTIVE_STOP")),
         (7, 7, Some("ROBOT_EMERGENCY_STOP")),
         (7, 9, Some("FAULT")),
+        (7, 22, Some("SAFETY_API_SAFEGUARD_STOP")),
         (7, 77, Some("(77)")),
     ] {
         controls.robot_mode.store(mode, Ordering::Relaxed);
