@@ -1,19 +1,19 @@
 #!/bin/sh
-# The official client libraries of the Franka Control Interface, against our robot side.
+# Client libraries that others wrote, unchanged, against our robot sides: Franka's own, and ur-rtde for Universal Robots.
 #
-#   scripts/official-clients.sh install   install panda-python and pylibfranka under target/ (PyPI)
+#   scripts/official-clients.sh install   install panda-python, pylibfranka and ur-rtde under target/ (PyPI)
 #   scripts/official-clients.sh test      install, then run the conformance tests
 set -eu
 cd "$(dirname "$0")/.."
 
 venv=target/official-clients
-modules='import panda_py, pylibfranka'
+modules='import panda_py, pylibfranka, rtde_receive'
 
 install() {
     if ! $venv/bin/python -c "$modules" 2>/dev/null; then
         rm -rf $venv
         python3 -m venv $venv
-        $venv/bin/pip install --quiet panda-python==1.1.1 pylibfranka==0.21.3
+        $venv/bin/pip install --quiet panda-python==1.1.1 pylibfranka==0.21.3 ur-rtde==1.6.5 numpy
         $venv/bin/python -c "$modules"
     fi
 }
@@ -23,6 +23,7 @@ case "${1:-}" in
     test)
         install
         SPHERECAL_REQUIRE_FIELD=1 cargo test -p spherecal-fci --test fci official_clients
+        SPHERECAL_REQUIRE_FIELD=1 cargo test -p spherecal-ur --test ur official_client
         SPHERECAL_REQUIRE_FIELD=1 cargo test -p spherecal --all-features --test cli official_clients -- --include-ignored
         ;;
     *) sed -n '2,/^set -eu/p' "$0" | sed -n 's/^# \{0,1\}//p' >&2; exit 2 ;;

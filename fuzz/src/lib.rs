@@ -95,6 +95,11 @@ pub fn fri(data: &[u8]) {
     spherecal_fri::wire::fuzz_decode(data);
 }
 
+/// The same for the interfaces of Universal Robots.
+pub fn ur(data: &[u8]) {
+    spherecal_ur::wire::fuzz_decode(data);
+}
+
 fn state(tick: u64, q: &[f64; 7]) -> DriveState {
     DriveState {
         session: 1,

@@ -12,6 +12,7 @@ use spherecal_fci::wire as fci;
 use spherecal_fci::wire::{MAX_COMMAND_SIZE, MAX_STATE_SIZE, RobotCommand, RobotMode, RobotState, Version};
 use spherecal_fri::wire as fri;
 use spherecal_fuzz::joined;
+use spherecal_ur::wire as ur;
 #[cfg(feature = "host")]
 use spherecal_job::Config;
 #[cfg(feature = "host")]
@@ -145,6 +146,23 @@ fn robots_wires() {
     };
     let size = command.encode(&mut bytes, true).expect("it fits");
     write("fri", "command", &bytes[..size]);
+    let names = vec!["timestamp".to_owned(), "actual_q".to_owned()];
+    let requests = [
+        ur::Request::ProtocolVersion(ur::PROTOCOL),
+        ur::Request::SetupOutputs { rate_hz: 500.0, names },
+    ];
+    write("ur", "requests", &requests.map(|request| request.encode()).concat());
+    let setup = ur::Setup {
+        recipe: 1,
+        types: vec!["DOUBLE".to_owned(), "VECTOR6D".to_owned()],
+    };
+    let answers = [
+        ur::Answer::ProtocolVersion(true),
+        ur::Answer::SetupOutputs(setup),
+        ur::Answer::Data(1, vec![0; 56]),
+    ];
+    write("ur", "answers", &answers.map(|answer| answer.encode()).concat());
+    write("ur", "calibration", &ur::KinematicsInfo::default().encode());
 }
 
 /// Messages of both links.

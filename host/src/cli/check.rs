@@ -33,7 +33,7 @@ pub struct CheckArgs {
     /// The robot as it computes now: built-in name, FILE.toml or FILE.urdf. Default: as `collect`.
     #[arg(long, value_name = "NAME|FILE", required_unless_present = "link")]
     pub robot: Option<String>,
-    /// The arm that you guide by hand: franka:HOST, fri:PORT or tcp:HOST:PORT.
+    /// The arm that you guide by hand: franka:HOST, fri:PORT, ur:HOST or tcp:HOST:PORT.
     #[arg(long, value_name = "LINK", value_parser = arm_link, required_unless_present = "data", conflicts_with = "data")]
     pub link: Option<Link>,
     /// Table of contacts, as `collect` writes it.

@@ -10,7 +10,7 @@ use spherecal_campaign::collect::{
 use spherecal_identify::Options;
 use spherecal_identify::study::PAPER_PLATE;
 use spherecal_job::Link;
-use spherecal_link::{DriveReader, FrankaReader, KukaReader, StateReader};
+use spherecal_link::{DriveReader, FrankaReader, KukaReader, StateReader, UrReader};
 use spherecal_model::chain::Chain;
 use spherecal_model::input::{read_plate_file, triple};
 use spherecal_model::{paper_plate, robots};
@@ -19,6 +19,7 @@ use spherecal_plan::PoseAdvice;
 use super::args::BadValue;
 use super::exit::{CliError, Exit, interrupt};
 use super::out::{errln, outln};
+use super::own_calibration::own_robot;
 use super::terminal_operator::TerminalOperator;
 
 /// Collect contacts while you guide the arm by hand, into the table that `identify` takes.
@@ -36,10 +37,11 @@ use super::terminal_operator::TerminalOperator;
     Exit codes: 0 all poses are in the table; 1 failed or stopped before; 2 wrong input."
 )]
 pub struct CollectArgs {
-    /// The arm: franka:HOST, fri:PORT or tcp:HOST:PORT.
+    /// The arm: franka:HOST, fri:PORT, ur:HOST or tcp:HOST:PORT.
     #[arg(long, value_name = "LINK", value_parser = arm_link)]
     pub link: Link,
-    /// Built-in name, FILE.toml or FILE.urdf. Default: panda or fr3 as the Franka robot says; iiwa7 with fri:.
+    /// Built-in name, FILE.toml or FILE.urdf. Default: panda or fr3 as the Franka robot says; iiwa7 with fri:; with ur: the
+    /// robot as it computes itself, its factory calibration included, which is written beside the table.
     #[arg(long, value_name = "NAME|FILE")]
     pub robot: Option<String>,
     /// Nominal TCP (the centre of the nest's sphere) in the flange frame, in mm. Default: the robot's own.
@@ -78,11 +80,14 @@ pub struct CollectArgs {
     pub json: bool,
 }
 
+/// The links to arms whose states can be read.
+const ARMS: &str = "give franka:HOST, fri:PORT, ur:HOST or tcp:HOST:PORT";
+
 /// A link to an arm whose states can be read.
 pub(super) fn arm_link(text: &str) -> Result<Link, BadValue> {
     match text.parse() {
-        Ok(link @ (Link::Tcp(_) | Link::Franka { .. } | Link::Fri(_))) => Ok(link),
-        _ => Err(BadValue("give franka:HOST, fri:PORT or tcp:HOST:PORT")),
+        Ok(link @ (Link::Tcp(_) | Link::Franka { .. } | Link::Fri(_) | Link::Ur { .. })) => Ok(link),
+        _ => Err(BadValue(ARMS)),
     }
 }
 
@@ -93,17 +98,25 @@ pub(super) fn seconds(text: &str) -> Result<f64, BadValue> {
     }
 }
 
-/// The reader behind the link, and the robot that it is, where it says so.
-fn open(link: &Link) -> Result<(Box<dyn StateReader>, Option<&'static str>), CliError> {
-    Ok(match link {
+/// The reader behind the link, and the robot that it is, where it says so: a built-in name, or a file that is written now.
+fn open(args: &CollectArgs) -> Result<(Box<dyn StateReader>, Option<String>), CliError> {
+    Ok(match &args.link {
         Link::Franka { host, port } => {
             let reader = FrankaReader::connect(host, *port)?;
             let robot = reader.robot();
-            (Box::new(reader), Some(robot))
+            (Box::new(reader), Some(robot.to_owned()))
         }
-        Link::Fri(address) => (Box::new(KukaReader::listen(*address)?), Some("iiwa7")),
+        Link::Fri(address) => (Box::new(KukaReader::listen(*address)?), Some("iiwa7".to_owned())),
+        Link::Ur { host, port } => {
+            let reader = UrReader::connect(host, *port)?;
+            let robot = match &args.robot {
+                Some(_) => None,
+                None => Some(own_robot(&reader, &args.out)?),
+            };
+            (Box::new(reader), robot)
+        }
         Link::Tcp(address) => (Box::new(DriveReader::connect(address)?), None),
-        _ => return Err(CliError::input("--link: give franka:HOST, fri:PORT or tcp:HOST:PORT")),
+        _ => return Err(CliError::input(format!("--link: {ARMS}"))),
     })
 }
 
@@ -240,12 +253,12 @@ pub(super) fn gather(args: &CollectArgs) -> Result<Gathered, CliError> {
     } else {
         read_plate_file(&args.plate).map_err(CliError::input)?.spheres
     };
-    let (mut reader, connected) = open(&args.link)?;
-    let name = args.robot.as_deref().or(connected).ok_or_else(|| {
+    let (mut reader, connected) = open(args)?;
+    let name = args.robot.as_deref().or(connected.as_deref()).ok_or_else(|| {
         CliError::input("--robot: a drive link does not tell which robot it is: give its name or file")
     })?;
     let mut model = robots::load(name).map_err(CliError::input)?;
-    if let (Some(asked), Some(found)) = (&args.robot, connected)
+    if let (Some(asked), Some(found)) = (&args.robot, &connected)
         && matches!(args.link, Link::Franka { .. })
         && robots::built_in(asked).is_some()
         && asked != found

@@ -29,6 +29,7 @@ mod init_questions;
 mod listening;
 mod live_output;
 pub mod out;
+mod own_calibration;
 mod plan;
 mod progress;
 mod robot;
@@ -45,6 +46,7 @@ mod table;
 mod teach;
 mod terminal_operator;
 mod text;
+mod ur_side;
 
 use std::io::IsTerminal as _;
 use std::process::ExitCode;

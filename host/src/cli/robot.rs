@@ -7,7 +7,8 @@ use spherecal_shared::robot::BUILT_IN;
 
 use super::exit::{CliError, Exit};
 use super::out::outln;
-use spherecal_job::JobError;
+use super::own_calibration::{compare, read};
+use spherecal_job::{JobError, Link};
 use spherecal_model::robots::{
     self, JointKind, PathJoint, RobotFileError, RobotModel, toml_file, write_kinematics_yaml, write_urdf,
 };
@@ -41,6 +42,40 @@ pub enum RobotAction {
         #[arg(long)]
         json: bool,
     },
+    /// Compare two robots link by link: the nominal one and a calibrated one, or two calibrations.
+    ///
+    /// Each link's frame is compared in the frame before it, all joints at zero. The lengths are in mm, the small turns in
+    /// mrad, both in the axes of the first robot's frame.
+    #[command(
+        after_help = "Example: spherecal robot compare ur5e contacts.robot.toml\n         spherecal robot compare contacts.robot.toml result/calibrated.toml"
+    )]
+    Compare {
+        /// The first robot: built-in name, FILE.toml, FILE.urdf or FILE.yaml.
+        #[arg(value_name = "NAME|FILE")]
+        robot: String,
+        /// The second robot.
+        #[arg(value_name = "NAME|FILE")]
+        other: String,
+        /// Print one JSON document on stdout and nothing else.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Read the calibration that a robot of Universal Robots computes with, compare it with the nominal robot, and write it.
+    ///
+    /// It only reads: the parameters come from the robot's primary interface. The file's name says its format, as with
+    /// `convert`.
+    #[command(after_help = "Example: spherecal robot read --link ur:192.168.1.10 my_ur5e.toml")]
+    Read {
+        /// The robot: ur:HOST.
+        #[arg(long, value_name = "LINK", value_parser = super::own_calibration::ur_link)]
+        link: Link,
+        /// File to write. Without it the comparison alone is shown.
+        #[arg(value_name = "TO")]
+        to: Option<PathBuf>,
+        /// Print one JSON document on stdout and nothing else.
+        #[arg(long)]
+        json: bool,
+    },
     /// Convert a robot to the format that the extension of TO names: .toml, .urdf or .yaml.
     ///
     /// .yaml contains the joint origins with the keys of the vendor's ROS description: Universal
@@ -65,7 +100,20 @@ pub(super) fn run(args: &RobotArgs) -> Result<Exit, CliError> {
         RobotAction::List { json } => list(*json),
         RobotAction::Show { robot, json: false } => show(&robots::load_path(robot)?)?,
         RobotAction::Show { robot, json: true } => outln!("{:#}", document(&robots::load_path(robot)?)?),
-        RobotAction::Convert { robot, to } => convert(&robots::load(robot)?, to)?,
+        RobotAction::Compare { robot, other, json } => compare(robot, other, *json)?,
+        RobotAction::Read { link, to, json } => {
+            let model = read(link, *json)?;
+            if let Some(to) = to {
+                convert(&model, to)?;
+                if !json {
+                    outln!("\n{}", to.display());
+                }
+            }
+        }
+        RobotAction::Convert { robot, to } => {
+            convert(&robots::load(robot)?, to)?;
+            outln!("{}", to.display());
+        }
     }
     Ok(Exit::Done)
 }
@@ -271,10 +319,10 @@ fn convert(model: &RobotModel, to: &Path) -> Result<(), CliError> {
             )));
         }
     };
-    write_file(to, text).map_err(|source| JobError::Write {
-        path: to.display().to_string(),
-        source,
-    })?;
-    outln!("{}", to.display());
-    Ok(())
+    write_file(to, text).map_err(|source| {
+        CliError::from(JobError::Write {
+            path: to.display().to_string(),
+            source,
+        })
+    })
 }

@@ -1,8 +1,8 @@
-//! `spherecal plant --fci` and `--fri`: the simulated arm behind a robot's own interface, in real
+//! `spherecal plant --fci` and `--fri` (`--ur`: module `ur_side`): the simulated arm behind a robot's own interface, in real
 //! time.
 
 use std::net::{Ipv4Addr, SocketAddr};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -55,6 +55,17 @@ pub struct PlantArgs {
     /// With --fri: frame each message with its length and a checksum, as version 2.7 of the interface does.
     #[arg(long, requires = "fri")]
     pub framed: bool,
+    /// Be a robot of Universal Robots for clients of RTDE at this address, in real time: at rest, or guided by --guide. Its
+    /// primary interface is three ports below. Real robots, and some clients, know port 30004 only.
+    #[arg(long, value_name = "[HOST:]PORT", conflicts_with_all = ["fci", "fri", "listen", "real_time", "once", "tolerant"])]
+    pub ur: Option<String>,
+    /// With --ur: be a CB3 (125 Hz), not an e-Series robot (500 Hz).
+    #[arg(long, requires = "ur")]
+    pub cb3: bool,
+    /// With --ur: what the robot says of its own calibration (CSV without a header; a line for each joint: theta in rad, a and d
+    /// in m, alpha in rad, as its controller has them). Default: the nominal robot.
+    #[arg(long, value_name = "FILE.csv", requires = "ur")]
+    pub dh: Option<PathBuf>,
     /// Stiffness of the cabinet's joint impedance under the overlay, in N m/rad. The application
     /// sets 0.
     #[arg(long, value_name = "NM_RAD", requires = "fri", default_value_t = 0.0)]
@@ -68,7 +79,7 @@ pub struct PlantArgs {
     #[arg(long)]
     pub tolerant: bool,
     /// A simulated hand guides the arm, which then follows no command: to the joint angles of this table
-    /// (CSV without a header, seven angles in rad a line), with 1.7 s at each, and 5 s at the first.
+    /// (CSV without a header, one angle in rad for each joint in a line), with 1.7 s at each, and 5 s at the first.
     #[arg(long, value_name = "FILE.csv")]
     pub guide: Option<PathBuf>,
     /// Seed of the arm's errors and noise. Use the run's seed for the same arm.
@@ -78,7 +89,7 @@ pub struct PlantArgs {
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
     /// Errors of the simulated arm: a preset, instead of the one that the configuration names. Other fields of its
-    /// `[plant]` stay. Default: as_measured; with --fci or --fri, and without --config, typical. With as_measured the motors show, and the program prints the
+    /// `[plant]` stay. Default: as_measured; with --fci, --fri or --ur, and without --config, typical. With as_measured the motors show, and the program prints the
     /// lines of [cell.drive] that the run needs then.
     #[arg(long, value_name = "NAME")]
     pub preset: Option<String>,
@@ -97,7 +108,7 @@ impl PlantArgs {
     /// A file or a value that cannot be used.
     pub fn configuration(&self) -> Result<Config, JobError> {
         let mut config = base(self.config.as_deref(), self.seed)?;
-        let own_interface = self.fci || self.fri.is_some();
+        let own_interface = self.fci || self.fri.is_some() || self.ur.is_some();
         if let Some(preset) = &self.preset {
             config = on_preset(config, preset)?;
         } else if own_interface && self.config.is_none() {
@@ -111,35 +122,35 @@ impl PlantArgs {
 /// Time that the simulated hand rests at each pose, in s.
 const HAND_RESTS_S: f64 = 1.7;
 
+/// Lines of `N` numbers whose sizes are below `most`; `what` says what they are.
+pub(super) fn lines<const N: usize>(path: &Path, most: f64, what: &str) -> Result<Vec<[f64; N]>, CliError> {
+    let text = spherecal_model::read_text(path, 1 << 20, "numbers, with commas").map_err(CliError::input)?;
+    let numbers = |(line, number): (&str, usize)| {
+        let read: Option<Vec<f64>> = line.split(',').map(|cell| cell.trim().parse().ok()).collect();
+        let possible = |read: &[f64; N]| read.iter().all(|x| x.abs() < most);
+        let read = read.and_then(|r| <[f64; N]>::try_from(r).ok()).filter(possible);
+        read.ok_or_else(|| CliError::input(format!("{}: line {number}: give {what}, with commas", path.display())))
+    };
+    text.lines().zip(1..).map(numbers).collect()
+}
+
 /// The arm that a simulated hand guides to the poses of a file.
-fn guided(config: &Config, path: &std::path::Path) -> Result<GuidedArm, CliError> {
-    let text = spherecal_model::read_text(path, 1 << 20, "seven joint angles a line").map_err(CliError::input)?;
-    let mut poses = Vec::new();
-    for (line, number) in text.lines().zip(1..) {
-        let angles: Option<Vec<f64>> = line.split(',').map(|cell| cell.trim().parse().ok()).collect();
-        let finite = |pose: &[f64; 7]| pose.iter().all(|q| q.abs() < 10.0);
-        let pose = angles.and_then(|a| <[f64; 7]>::try_from(a).ok()).filter(finite);
-        poses.push(pose.ok_or_else(|| {
-            CliError::input(format!(
-                "{}: line {number}: give seven angles in rad, with commas",
-                path.display()
-            ))
-        })?);
-    }
+pub(super) fn guided<const N: usize>(config: &Config, path: &Path) -> Result<GuidedArm<N>, CliError> {
+    let poses = lines(path, 10.0, &format!("{N} joint angles in rad a line"))?;
     let model = job::loaded_model(config)?;
     GuidedArm::new(&model, &poses, HAND_RESTS_S, config.seed)
         .map_err(CliError::input)?
         .ok_or_else(|| CliError::input(format!("{}: give at least one line of angles", path.display())))
 }
 
-/// `[HOST:]PORT`; a port alone is on this machine only.
-fn address(text: &str) -> Result<SocketAddr, CliError> {
+/// `[HOST:]PORT` of an option; a port alone is on this machine only.
+pub(super) fn address(option: &str, text: &str) -> Result<SocketAddr, CliError> {
     text.parse()
         .or_else(|_| {
             text.parse()
                 .map(|port: u16| SocketAddr::from((Ipv4Addr::LOCALHOST, port)))
         })
-        .map_err(|_| CliError::input(format!("--listen: \"{text}\" is no address: give PORT or IP:PORT")))
+        .map_err(|_| CliError::input(format!("{option}: \"{text}\" is no address: give PORT or IP:PORT")))
 }
 
 /// `spherecal plant --fci`
@@ -160,7 +171,7 @@ pub(super) fn franka(args: &PlantArgs) -> Result<Exit, CliError> {
     }
     let mut undeclared = Undeclared::default();
     let arm: Box<dyn spherecal_fci::robot::ArmHardware> = if let Some(path) = &args.guide {
-        Box::new(guided(&config, path)?)
+        Box::new(guided::<7>(&config, path)?)
     } else {
         let arm = simulated::robot(&config, (0.0, 0.0))?;
         undeclared = arm.undeclared();
@@ -168,7 +179,7 @@ pub(super) fn franka(args: &PlantArgs) -> Result<Exit, CliError> {
     };
     let mut side = RobotConfig::new(version);
     side.address = match &args.listen {
-        Some(text) => address(text)?,
+        Some(text) => address("--listen", text)?,
         None => SocketAddr::from((Ipv4Addr::LOCALHOST, TCP_PORT)),
     };
     if args.tolerant {
@@ -213,7 +224,7 @@ pub(super) fn kuka(args: &PlantArgs, client: SocketAddr) -> Result<Exit, CliErro
     let damping = 1.4 * args.stiffness.sqrt();
     let mut undeclared = Undeclared::default();
     let arm: Box<dyn spherecal_fri::robot::ArmHardware> = if let Some(path) = &args.guide {
-        Box::new(guided(&config, path)?)
+        Box::new(guided::<7>(&config, path)?)
     } else {
         let arm = simulated::robot(&config, (args.stiffness, damping))?;
         undeclared = arm.undeclared();
@@ -300,7 +311,7 @@ fn tell(undeclared: &Undeclared) {
 }
 
 /// Until Ctrl-C.
-fn wait(interrupt: &AtomicBool, mut look: impl FnMut()) {
+pub(super) fn wait(interrupt: &AtomicBool, mut look: impl FnMut()) {
     while !interrupt.load(Ordering::Relaxed) {
         look();
         std::thread::sleep(LOOK);

@@ -14,6 +14,7 @@ use super::exit::{CliError, Exit};
 use super::listening::{announce, warn_if_open};
 use super::out::errln;
 use super::robot_sides::{self, PlantArgs};
+use super::ur_side;
 use crate::simulated;
 use spherecal_job::{self as job, Link};
 use spherecal_link::native::enter_real_time;
@@ -65,8 +66,11 @@ pub(super) fn plant(args: &PlantArgs) -> Result<Exit, CliError> {
     if let Some(client) = args.fri {
         return robot_sides::kuka(args, client);
     }
+    if let Some(address) = &args.ur {
+        return ur_side::universal_robots(args, address);
+    }
     if args.guide.is_some() {
-        return Err(CliError::input("--guide: give --fci or --fri with it"));
+        return Err(CliError::input("--guide: give --fci, --fri or --ur with it"));
     }
     if args.tolerant {
         return Err(CliError::input("--tolerant: give --fci or --fri with it"));

@@ -49,6 +49,7 @@ fn values(option: &str) -> Option<(Vec<&'static str>, bool)> {
                 "tcp:",
                 "franka:",
                 "fri:",
+                "ur:",
                 "controller:",
                 "grpc:",
                 "grpcs:",

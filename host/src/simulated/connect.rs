@@ -77,7 +77,12 @@ fn faulty(
     let joints = prepared.robot.dof();
     let drive = match link {
         Link::Tcp(address) => FaultyDrive::Other(Box::new(lock_step_drive(prepared, link, address)?)),
-        Link::Serial(_) | Link::Controller(_) | Link::Grpc(_) | Link::Franka { .. } | Link::Fri(_) => {
+        Link::Serial(_)
+        | Link::Controller(_)
+        | Link::Grpc(_)
+        | Link::Franka { .. }
+        | Link::Fri(_)
+        | Link::Ur { .. } => {
             return Err(no_injection(link));
         }
         Link::Sim | Link::Qemu => {

@@ -17,7 +17,9 @@ use spherecal_link::{Drive, LinkError};
 use spherecal_model::TrackerSession;
 use spherecal_sim::inject::{FaultPlan, FaultyCellError, InjectError};
 use spherecal_sim::plant::{PRESETS, PlantConfig, PlantError};
-use spherecal_sim::{OperatorCall, RobotArm, SimulatedArmError, SimulatedTracker, hand_guided_arm, simulated_arm};
+use spherecal_sim::{
+    OperatorCall, RestingArm, RobotArm, SimulatedArmError, SimulatedTracker, hand_guided_arm, simulated_arm,
+};
 use toml::{Table, Value};
 
 pub use file_lock::file_lock;
@@ -189,6 +191,16 @@ pub fn robot(config: &Config, impedance: (f64, f64)) -> Result<RobotArm, JobErro
     let plant = plant(config)?;
     let (model, _, home) = job::at_home(config)?;
     Ok(RobotArm::new(&model, &plant, &home, impedance).map_err(SimulationError::from)?)
+}
+
+/// The simulated arm of a configuration at rest, behind the interfaces of Universal Robots.
+///
+/// # Errors
+/// The configuration cannot be used, or its robot has not six joints.
+pub fn resting(config: &Config) -> Result<RestingArm, JobError> {
+    let plant = plant(config)?;
+    let (model, _, home) = job::at_home(config)?;
+    Ok(RestingArm::new(&model, &plant, &home).map_err(SimulationError::from)?)
 }
 
 /// The simulated arm of a configuration: the preset with the changed errors, the job's seed, and the cell.

@@ -9,7 +9,8 @@ use spherecal::model::robots::RobotModel;
 use spherecal::model::robots::toml_file::write as write_toml;
 
 use crate::collect::{
-    IIWA_START, PANDA_START, SAGGING, STIFF, TOOL, TrueArm, chain, distance_mm, guided, nominal, write, wrong,
+    IIWA_START, PANDA_START, SAGGING, STIFF, TOOL, TrueArm, UR_SAGGING, UR_START, chain, distance_mm, guided, nominal,
+    write, wrong,
 };
 use crate::support::{Server, spherecal, text};
 
@@ -27,13 +28,14 @@ fn check(folder: &Path, arguments: &[&str]) -> (Option<i32>, Value, String) {
 }
 
 /// Guides a dozen contacts at `link`, and checks the nominal robot with them. Returns the table.
-fn guide_and_check(folder: &Path, link: &str, name: &str, arm: &TrueArm) -> String {
+/// `told` is the robot as the command names it.
+fn guide_and_check<const N: usize>(folder: &Path, link: &str, name: &str, told: &str, arm: &TrueArm<N>) -> String {
     // The robot as it computes itself: nominal, and far off.
     let (code, found, said) = check(folder, &["--link", link, "--tool-mm", TOOL, "--auto", "--wait-s", "60"]);
     assert_eq!(code, Some(3), "{said}");
     assert_eq!(
         (found["robot"].as_str(), found["answer"].as_str()),
-        (Some(name), Some("does_not_hold"))
+        (Some(told), Some("does_not_hold"))
     );
     let (robot, table) = (nominal(name), found["file"].as_str().expect("a table"));
     let everywhere = workspace(&robot.robot, &robot.tool_in_table());
@@ -76,7 +78,7 @@ fn long_a_dozen_contacts_check_an_fr3() {
     write(&file, &guided(&truth, &PANDA_START, 1, 12));
     let hand = file.display().to_string();
     let robot = Server::start(&["plant", "--fci", "--version", "10", "--listen", "0", "--guide", &hand]);
-    guide_and_check(folder.path(), &robot.peer, "fr3", &truth);
+    guide_and_check(folder.path(), &robot.peer, "fr3", "fr3", &truth);
 }
 
 // Fails if the same does not hold for an LBR behind a KUKA cabinet, a calibration that is right is refused, or one that is
@@ -94,8 +96,21 @@ fn long_a_dozen_contacts_check_an_iiwa() {
     drop(probe);
     let hand = file.display().to_string();
     let robot = Server::start(&["plant", "--fri", &client, "--guide", &hand]);
-    let table = guide_and_check(folder.path(), &robot.peer, "iiwa7", &arm);
+    let table = guide_and_check(folder.path(), &robot.peer, "iiwa7", "iiwa7", &arm);
     check_calibrations(folder.path(), &table, &truth);
+}
+
+// Fails if the same does not hold for a UR5e, which is checked as its controller computes it.
+#[test]
+#[ignore = "long: 40 s of real time"]
+fn long_a_dozen_contacts_check_a_ur5e() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let truth = TrueArm::new(&wrong(&nominal("ur5e")), UR_SAGGING);
+    let file = folder.path().join("hand.csv");
+    write(&file, &guided(&truth, &UR_START, 1, 12));
+    let hand = file.display().to_string();
+    let robot = Server::start(&["plant", "--ur", "0", "--guide", &hand]);
+    guide_and_check(folder.path(), &robot.peer, "ur5e", "check.robot.toml", &truth);
 }
 
 // Fails if contacts that cannot tell anything are answered, or the refusal does not say what to give.

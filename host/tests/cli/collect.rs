@@ -24,6 +24,7 @@ pub(crate) const TOOL: &str = "10,5,120";
 /// Joint angles with the tool upright in front of the arm, in rad.
 pub(crate) const PANDA_START: [f64; 7] = [0.0, -0.3, 0.0, -2.2, 0.0, 1.9, 0.7];
 pub(crate) const IIWA_START: [f64; 7] = [0.0, 0.6, 0.0, -1.6, 0.0, 0.9, 0.0];
+pub(crate) const UR_START: [f64; 6] = [0.0, -1.6, 1.6, -1.6, -1.6, 0.0];
 
 /// The robot `name` with the tool.
 pub(crate) fn nominal(name: &str) -> RobotModel {
@@ -49,20 +50,21 @@ pub(crate) fn wrong(model: &RobotModel) -> RobotModel {
     model
 }
 
-/// An arm as it truly is.
-pub(crate) struct TrueArm {
+/// An arm with `N` joints as it truly is.
+pub(crate) struct TrueArm<const N: usize> {
     chain: Chain,
-    dynamics: Arm<f64, 7>,
+    dynamics: Arm<f64, N>,
     /// How far each joint gives way under its torque, in rad/(N m); the encoders sit on the motors and do not see it.
-    compliance: [f64; 7],
+    compliance: [f64; N],
 }
 
 /// As much as measured on real arms of this size: 0.017 to 0.066 mrad/(N m) in the large joints.
 pub(crate) const SAGGING: [f64; 7] = [4e-5, 4e-5, 4e-5, 4e-5, 2e-5, 2e-5, 2e-5];
 pub(crate) const STIFF: [f64; 7] = [0.0; 7];
+pub(crate) const UR_SAGGING: [f64; 6] = [4e-5, 4e-5, 4e-5, 2e-5, 2e-5, 2e-5];
 
-impl TrueArm {
-    pub(crate) fn new(model: &RobotModel, compliance: [f64; 7]) -> Self {
+impl<const N: usize> TrueArm<N> {
+    pub(crate) fn new(model: &RobotModel, compliance: [f64; N]) -> Self {
         Self {
             chain: chain(model),
             dynamics: Arm::new(&model.robot, &model.tool_in_table()).expect("an arm"),
@@ -71,8 +73,8 @@ impl TrueArm {
     }
 
     /// How far the joints have given way at these true angles, in rad.
-    fn sag(&self, q: &[f64]) -> [f64; 7] {
-        let q: &[f64; 7] = q.try_into().expect("seven angles");
+    fn sag(&self, q: &[f64]) -> [f64; N] {
+        let q: &[f64; N] = q.try_into().expect("an angle for each joint");
         let gravity = self.dynamics.bodies(&self.dynamics.frames(q)).gravity();
         std::array::from_fn(|j| self.compliance[j] * gravity[j])
     }
@@ -98,7 +100,7 @@ impl TrueArm {
 
 /// What the encoders of the true arm read with the tool on the spheres: `count` poses in up to 5 places, in the order in
 /// which `collect` asks for them.
-pub(crate) fn guided(arm: &TrueArm, start: &[f64; 7], places: usize, count: usize) -> Vec<Vec<f64>> {
+pub(crate) fn guided<const N: usize>(arm: &TrueArm<N>, start: &[f64; N], places: usize, count: usize) -> Vec<Vec<f64>> {
     let truth = &arm.chain;
     let spheres = paper_plate();
     let centre: Vector3<f64> = spheres
@@ -145,7 +147,11 @@ pub(crate) fn guided(arm: &TrueArm, start: &[f64; 7], places: usize, count: usiz
 
 /// Mean distance of the true TCP from another one over these readings of the encoders after the best common placement,
 /// in mm.
-pub(crate) fn distance_mm(truth: &TrueArm, other: impl Fn(&[f64]) -> Vector3<f64>, configurations: &[Vec<f64>]) -> f64 {
+pub(crate) fn distance_mm<const N: usize>(
+    truth: &TrueArm<N>,
+    other: impl Fn(&[f64]) -> Vector3<f64>,
+    configurations: &[Vec<f64>],
+) -> f64 {
     let pairs: Vec<_> = configurations.iter().map(|q| (truth.tcp(q), other(q))).collect();
     let n = pairs.len() as f64;
     let (ma, mb) = pairs
@@ -172,7 +178,7 @@ pub(crate) fn write(path: &Path, poses: &[Vec<f64>]) {
 }
 
 /// Collects all poses from `link`, identifies, and compares with the truth: at most `within_mm` may remain.
-fn collect_and_identify(folder: &Path, link: &str, name: &str, truth: &TrueArm, within_mm: f64) {
+fn collect_and_identify(folder: &Path, link: &str, name: &str, truth: &TrueArm<7>, within_mm: f64) {
     let mut arguments = vec![
         "collect",
         "--link",
@@ -403,11 +409,11 @@ fn slow_what_cannot_be_collected_is_refused_with_the_remedy() {
             1,
             "no new still pose",
         ),
-        (&["plant", "--guide", "hand.csv"], 2, "give --fci or --fri"),
+        (&["plant", "--guide", "hand.csv"], 2, "give --fci, --fri or --ur"),
         (
             &["plant", "--fci", "--listen", "0", "--guide", "other.csv"],
             2,
-            "seven angles",
+            "7 joint angles",
         ),
     ] {
         let output = spherecal(folder.path(), arguments);

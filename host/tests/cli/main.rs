@@ -45,4 +45,5 @@ mod support;
 mod targets;
 #[cfg(unix)]
 mod tutorials;
+mod universal_robots;
 mod wire_kills;

@@ -12,8 +12,10 @@ use super::builtin_arms::{self as arms, Row as ArmRow};
 use super::describe::{Inertia, Joint, JointLimits, Robot, Tool};
 use super::kinematics::MdhRow;
 
-/// Names of the built-in robots.
-pub const BUILT_IN: &[&str] = &["iiwa7", "iiwa14", "panda", "fr3", "ur5e", "ur10e", "irb120"];
+/// Names of the built-in robots. Of several that are equally near to a wrong name, the first is suggested.
+pub const BUILT_IN: &[&str] = &[
+    "iiwa7", "iiwa14", "panda", "fr3", "ur5e", "ur10e", "ur3e", "ur16e", "ur20", "ur30", "irb120",
+];
 
 /// One joint: alpha (rad), d (m), limit (rad), speed (rad/s), torque (N m), mass
 /// (kg), centre of mass (m), inertia xx yy zz xy xz yz (kg m²).
@@ -79,6 +81,10 @@ pub fn built_in(name: &str) -> Option<Robot> {
         "fr3" => &arms::FR3,
         "ur5e" => &arms::UR5E,
         "ur10e" => &arms::UR10E,
+        "ur3e" => &arms::UR3E,
+        "ur16e" => &arms::UR16E,
+        "ur20" => &arms::UR20,
+        "ur30" => &arms::UR30,
         "irb120" => &arms::IRB120,
         _ => return None,
     };

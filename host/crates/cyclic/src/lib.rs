@@ -1,6 +1,6 @@
 //! What robot interfaces with a fixed cycle share. A robot sends a state each period; the client answers it.
 //!
-//! `spherecal-fci` (Franka) and `spherecal-fri` (KUKA) are built on it:
+//! `spherecal-fci` (Franka), `spherecal-fri` (KUKA) and `spherecal-ur` (Universal Robots) are built on it:
 //! - [`wire_enum!`]: enumerations with the maker's numbers and names;
 //! - [`Inbox`]: the client's wait for the newest datagram, without allocation;
 //! - [`Machine`]: time and network of one side; `testing::World` is a virtual one;

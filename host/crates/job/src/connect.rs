@@ -50,7 +50,7 @@ pub fn reliable(prepared: &PreparedRun, link: &Link, folder: &Path) -> Result<Bo
 pub fn connect_early(config: &Config, link: &Link) -> Result<Option<Box<dyn Device>>, JobError> {
     let open = || distant(&loaded_model(config)?, config, link);
     match link {
-        Link::Tcp(_) | Link::Franka { .. } => open(),
+        Link::Tcp(_) | Link::Franka { .. } | Link::Ur { .. } => open(),
         Link::Controller(_) | Link::Grpc(_) => open().map(|_| None),
         Link::Serial(device) => Serial::check(device).map(|()| None).map_err(JobError::from),
         Link::Fri(_) => native::can_listen(link).map(|()| None),
@@ -82,6 +82,7 @@ pub fn distant(model: &RobotModel, config: &Config, link: &Link) -> Result<Optio
             check_limits(&drive.hello().limits, robot).map_err(LinkError::from)?;
             Ok(Some(Box::new(Threaded::start(drive, joints)?)))
         }
+        Link::Ur { .. } => Err(JobError::ReadOnly { link: link.to_string() }),
         Link::Controller(address) => {
             let remote = Remote::connect(address, joints)?;
             check_limits(&remote.hello().limits, robot).map_err(LinkError::from)?;

@@ -30,6 +30,13 @@ pub enum Link {
     /// The controller in this process; an LBR behind KUKA's Fast Robot Interface. Where this
     /// computer listens for the cabinet.
     Fri(SocketAddr),
+    /// A robot of Universal Robots behind RTDE. It can be read, and nothing more.
+    Ur {
+        /// Address or name of the robot.
+        host: String,
+        /// TCP port of RTDE; a real robot has 30004.
+        port: u16,
+    },
     /// A robot behind the service `RobotController` (`spherecal serve`).
     Grpc(Peer),
 }
@@ -46,7 +53,7 @@ impl Link {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "\"{text}\" is not a link: give sim, qemu, serial:DEVICE, tcp:HOST:PORT, franka:HOST, fri:PORT, \
-     controller:HOST:PORT, grpc:HOST:PORT or grpcs:HOST:PORT"
+     ur:HOST, controller:HOST:PORT, grpc:HOST:PORT or grpcs:HOST:PORT"
 )]
 pub struct UnknownLink {
     /// As given.
@@ -66,7 +73,16 @@ impl FromStr for Link {
             Some(("serial", device)) if !device.is_empty() => Ok(Self::Serial(device.to_owned())),
             Some(("tcp", address)) if has_port(address) => Ok(Self::Tcp(address.to_owned())),
             Some(("controller", address)) if has_port(address) => Ok(Self::Controller(address.to_owned())),
-            Some(("franka", rest)) => franka(rest).ok_or_else(|| UnknownLink { text: text.to_owned() }),
+            Some(("franka", rest)) => {
+                let found = host_and_port(rest, spherecal_fci::TCP_PORT);
+                let (host, port) = found.ok_or_else(|| UnknownLink { text: text.to_owned() })?;
+                Ok(Self::Franka { host, port })
+            }
+            Some(("ur", rest)) => {
+                let found = host_and_port(rest, spherecal_ur::RTDE_PORT);
+                let (host, port) = found.ok_or_else(|| UnknownLink { text: text.to_owned() })?;
+                Ok(Self::Ur { host, port })
+            }
             Some(("fri", rest)) => fri(rest).ok_or_else(|| UnknownLink { text: text.to_owned() }),
             _ => Err(UnknownLink { text: text.to_owned() }),
         }
@@ -80,16 +96,20 @@ fn has_port(text: &str) -> bool {
 }
 
 /// `HOST`, `HOST:PORT` or `[HOST]:PORT`, with brackets about an IPv6 address.
-fn franka(text: &str) -> Option<Link> {
+fn host_and_port(text: &str, usual: u16) -> Option<(String, u16)> {
     let (host, port) = match text.rsplit_once(':') {
         Some((host, port)) if !host.contains(':') || host.ends_with(']') => (host, port.parse().ok()?),
-        _ => (text, spherecal_fci::TCP_PORT),
+        _ => (text, usual),
     };
     let host = host.strip_prefix('[').and_then(|h| h.strip_suffix(']')).unwrap_or(host);
-    (!host.is_empty() && port > 0).then(|| Link::Franka {
-        host: host.to_owned(),
-        port,
-    })
+    (!host.is_empty() && port > 0).then(|| (host.to_owned(), port))
+}
+
+/// The reverse of [`host_and_port`]: the usual port is left out.
+fn write_host(f: &mut std::fmt::Formatter<'_>, scheme: &str, host: &str, port: u16, usual: u16) -> std::fmt::Result {
+    let (open, close) = if host.contains(':') { ("[", "]") } else { ("", "") };
+    write!(f, "{scheme}:{open}{host}{close}")?;
+    if port == usual { Ok(()) } else { write!(f, ":{port}") }
 }
 
 /// `PORT` on every network card, or `ADDRESS:PORT`.
@@ -107,21 +127,37 @@ impl std::fmt::Display for Link {
             Self::Serial(device) => write!(f, "serial:{device}"),
             Self::Tcp(address) => write!(f, "tcp:{address}"),
             Self::Controller(address) => write!(f, "controller:{address}"),
-            Self::Franka { host, port } => {
-                let host = if host.contains(':') {
-                    format!("[{host}]")
-                } else {
-                    host.clone()
-                };
-                if *port == spherecal_fci::TCP_PORT {
-                    write!(f, "franka:{host}")
-                } else {
-                    write!(f, "franka:{host}:{port}")
-                }
-            }
+            Self::Franka { host, port } => write_host(f, "franka", host, *port, spherecal_fci::TCP_PORT),
+            Self::Ur { host, port } => write_host(f, "ur", host, *port, spherecal_ur::RTDE_PORT),
             Self::Fri(address) if address.ip() == Ipv4Addr::UNSPECIFIED => write!(f, "fri:{}", address.port()),
             Self::Fri(address) => write!(f, "fri:{address}"),
             Self::Grpc(peer) => peer.fmt(f),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if a link is not read back as it is written, the usual port is not left out, or a link that cannot be is taken.
+    #[test]
+    fn links_to_hosts_go_round() {
+        for (text, again, host, port) in [
+            ("ur:192.0.2.1", "ur:192.0.2.1", "192.0.2.1", 30004),
+            ("ur:arm.local:30004", "ur:arm.local", "arm.local", 30004),
+            ("ur:[::1]:5", "ur:[::1]:5", "::1", 5),
+            ("ur:::1", "ur:[::1]", "::1", 30004),
+        ] {
+            let link: Link = text.parse().expect("a link");
+            let host = host.to_owned();
+            assert_eq!(link, Link::Ur { host, port }, "{text}");
+            assert_eq!(link.to_string(), again);
+            assert_eq!(again.parse(), Ok(link));
+        }
+        assert_eq!("franka:a:1337".parse::<Link>().expect("a link").to_string(), "franka:a");
+        for text in ["ur:", "ur:host:0", "ur:host:port", "ur::30004", "UR:host"] {
+            assert!(text.parse::<Link>().is_err(), "{text}");
         }
     }
 }

@@ -48,7 +48,7 @@ pub use in_process::{InProcess, controller_in_process};
 pub use journal::{Journal, JournalError};
 pub use lossy::{Injected, Lossy, LossyError};
 pub use serial::Serial;
-pub use state_reader::{DriveReader, FrankaReader, JointReading, KukaReader, StateReader};
+pub use state_reader::{DriveReader, FrankaReader, JointReading, KukaReader, StateReader, UrReader};
 
 /// Why a link failed for good. Frames that were lost, damaged or repeated are repaired and counted;
 /// they are not errors.

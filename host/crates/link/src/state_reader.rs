@@ -4,7 +4,10 @@
 //! |---|---|
 //! | `franka:` | the version when it connects; then nothing |
 //! | `fri:` | in the monitoring states, the measured positions; in a commanding state, nothing |
+//! | `ur:` | RTDE's negotiation when it connects; then nothing |
 //! | `tcp:` | to each state, a command with `enable` 0 and zero torques |
+
+mod ur;
 
 use std::time::Duration;
 
@@ -17,6 +20,8 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveState, TorqueSign};
 
 use crate::tcp::TcpDrive;
 use crate::{Drive, LinkError};
+
+pub use ur::UrReader;
 
 /// How long a robot may be silent before reading fails.
 const SILENCE: Duration = Duration::from_secs(3);

@@ -3,3 +3,4 @@
 mod drive_example;
 mod franka_drive;
 mod kuka_drive;
+mod ur_reader;

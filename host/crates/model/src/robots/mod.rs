@@ -12,6 +12,7 @@
 //!   FILE.yaml ┘                              └─▶ offsets.yaml
 //! ```
 
+mod compare;
 mod compensator;
 mod error;
 mod frame_tree;
@@ -20,6 +21,7 @@ pub mod kinematics_yaml;
 pub mod mdh;
 mod model;
 mod path;
+mod standard_dh;
 pub mod toml_file;
 mod toml_text;
 pub mod urdf;
@@ -35,12 +37,14 @@ use spherecal_shared::robot::{BUILT_IN, Pose, Tool, iiwa7_tool};
 use crate::read_text;
 use urdf::Srdf;
 
+pub use compare::{LinkDifference, RobotDifference, compare};
 pub use compensator::read_compensator;
 pub use error::RobotFileError;
 pub use frame_tree::{FrameInParent, FrameTree};
 pub use kinematics_yaml::{write_kinematics_yaml, write_offsets_yaml};
 pub use model::{Origin, RobotModel, Tolerances, moved, near, table_frames};
 pub use path::{JointKind, JointPath, PathFrames, PathJoint, Twist};
+pub use standard_dh::{StandardDh, ur_lengths};
 pub use urdf_in::load as load_urdf_text;
 pub use urdf_out::{write_urdf, write_urdf_with_tcp};
 
@@ -71,11 +75,15 @@ pub fn built_in(name: &str) -> Option<RobotModel> {
 /// another robot.
 pub fn payload_kg(name: &str) -> Option<f64> {
     match name {
-        "panda" | "fr3" | "irb120" => Some(3.0),
+        "panda" | "fr3" | "irb120" | "ur3e" => Some(3.0),
         "ur5e" => Some(5.0),
         "iiwa7" => Some(7.0),
         "ur10e" => Some(12.5),
         "iiwa14" => Some(14.0),
+        "ur16e" => Some(16.0),
+        // The first data sheets' figures; newer software permits 25 and 35 kg.
+        "ur20" => Some(20.0),
+        "ur30" => Some(30.0),
         _ => None,
     }
 }
@@ -87,7 +95,7 @@ fn nearest(spec: &str) -> Option<&'static str> {
         .iter()
         .filter(|known| known.chars().next() == spec.chars().next())
         .map(|known| (strsim::levenshtein(&spec, known), *known))
-        .min()
+        .min_by_key(|(distance, _)| *distance)
         .filter(|(distance, known)| *distance <= 2 && *distance < known.len().min(spec.len()))
         .map(|(_, known)| known)
 }

@@ -3,6 +3,7 @@
 #![allow(clippy::approx_constant)] // URDF files write 1.5708.
 mod origins;
 mod refused;
+mod standard_dh;
 mod tips;
 
 use proptest::prelude::*;
@@ -163,6 +164,10 @@ fn built_in_tables_are_the_published_robots() {
         ("fr3", "fr3"),
         ("ur5e", "ur5e"),
         ("ur10e", "ur10e"),
+        ("ur3e", "ur3e"),
+        ("ur16e", "ur16e"),
+        ("ur20", "ur20"),
+        ("ur30", "ur30"),
         ("irb120", "irb120"),
     ] {
         let table = load(name).unwrap();

@@ -111,8 +111,18 @@ fn origins<const N: usize>(rows: [(&str, [f64; 3], [f64; 3]); N]) -> Vec<JointOr
         .collect()
 }
 
+/// The built-in robots of Universal Robots, with the lengths d1, a2, a3, d4, d5, d6 of their data sheets, without signs (m).
+pub(super) const UR_ROBOTS: [(&str, [f64; 6]); 6] = [
+    ("ur5e", [0.1625, 0.425, 0.3922, 0.1333, 0.0997, 0.0996]),
+    ("ur10e", [0.1807, 0.6127, 0.57155, 0.17415, 0.11985, 0.11655]),
+    ("ur3e", [0.15185, 0.24355, 0.2132, 0.13105, 0.08535, 0.0921]),
+    ("ur16e", [0.1807, 0.4784, 0.36, 0.17415, 0.11985, 0.11655]),
+    ("ur20", [0.2363, 0.862, 0.7287, 0.201, 0.1593, 0.1543]),
+    ("ur30", [0.2363, 0.637, 0.5037, 0.201, 0.1593, 0.1543]),
+];
+
 /// Nominal origins of a robot of Universal Robots from the lengths of its data sheet (m).
-fn ur([d1, a2, a3, d4, d5, d6]: [f64; 6]) -> Vec<JointOrigin> {
+pub(super) fn ur([d1, a2, a3, d4, d5, d6]: [f64; 6]) -> Vec<JointOrigin> {
     let [shoulder, upper_arm, forearm, wrist_1, wrist_2, wrist_3] = UR_KEYS;
     origins([
         (shoulder, [0.0, 0.0, d1], [0.0; 3]),
@@ -150,17 +160,13 @@ pub(super) fn description_of(model: &RobotModel) -> Option<RobotModel> {
 
 /// The nominal description of a built-in robot by its vendor, where it is known.
 fn nominal(name: &str) -> Option<RobotModel> {
+    let lengths = UR_ROBOTS
+        .iter()
+        .find(|(known, _)| *known == name)
+        .map(|(_, lengths)| *lengths);
     let (form, origins) = match name {
-        "ur5e" => (
-            Form::UniversalRobots,
-            ur([0.1625, 0.425, 0.3922, 0.1333, 0.0997, 0.0996]),
-        ),
-        "ur10e" => (
-            Form::UniversalRobots,
-            ur([0.1807, 0.6127, 0.57155, 0.17415, 0.11985, 0.11655]),
-        ),
         "panda" | "fr3" => (Form::Franka, franka()),
-        _ => return None,
+        _ => (Form::UniversalRobots, ur(lengths?)),
     };
     urdf_in::load(name, &urdf_text(form, name, &origins, None), None).ok()
 }
@@ -169,7 +175,7 @@ fn nominal(name: &str) -> Option<RobotModel> {
 /// vendors' descriptions differ.
 pub(super) fn joint_names(name: &str) -> Vec<String> {
     match name {
-        "ur5e" | "ur10e" => UR_JOINTS.map(str::to_owned).to_vec(),
+        name if UR_ROBOTS.iter().any(|(known, _)| *known == name) => UR_JOINTS.map(str::to_owned).to_vec(),
         "panda" | "fr3" => (1..=7).map(|k| format!("{name}_joint{k}")).collect(),
         _ => Vec::new(),
     }

@@ -1,0 +1,26 @@
+//! The interfaces of Universal Robots: the Real-Time Data Exchange (RTDE) and the primary interface.
+//!
+//! Three rooms:
+//! - [`wire`]: packages of RTDE (protocol 2) and of the primary interface, encoded and decoded byte by byte.
+//! - [`client`]: reads a real robot. It commands nothing.
+//! - [`robot`]: the robot's side, in front of a simulated arm, so that any client can be tested without a robot.
+//!
+//! Data flow: arm → [`robot`] → TCP → [`client`]. The crate knows nothing of the rest of spherecal. It contains no part of
+//! the maker's software.
+//!
+//! # Conventions
+//! - SI units everywhere: rad, rad/s, m, N, N m, s. All numbers on the wire are big endian.
+//! - Names are the maker's where it has one (`actual_q`, `PROTECTIVE_STOP`), so that users find them.
+//!
+//! Nothing in this crate has been tried on a real robot.
+
+pub mod client;
+pub mod robot;
+pub mod wire;
+
+/// Number of joints of every arm of this maker.
+pub const JOINTS: usize = 6;
+/// TCP port of RTDE on a robot.
+pub const RTDE_PORT: u16 = 30004;
+/// How far the port of the primary interface (30001 on a robot) is below that of RTDE.
+pub const PRIMARY_BELOW_RTDE: u16 = 3;

@@ -1,0 +1,95 @@
+//! `spherecal plant --ur`: the simulated arm behind the interfaces of Universal Robots, in real time.
+
+use std::path::Path;
+
+use spherecal_model::robots::{StandardDh, ur_lengths};
+use spherecal_ur::robot::{ArmHardware, RobotConfig, RobotSide};
+use spherecal_ur::wire::{KinematicsInfo, Series};
+
+use super::exit::{CliError, Exit, interrupt};
+use super::listening::{announce, warn_if_open};
+use super::out::errln;
+use super::robot_sides::{PlantArgs, address, guided, lines, wait};
+use crate::simulated;
+
+/// The robot without `--config`.
+const ROBOT: &str = "ur5e";
+
+/// The largest number in a calibration: rad, or m between the frames of parallel joints.
+const MOST: f64 = 1e5;
+
+/// The parameters of a file: a line for each joint.
+fn parameters(path: &Path) -> Result<StandardDh, CliError> {
+    let rows: Vec<[f64; 4]> = lines(path, MOST, "theta, a, d and alpha of a joint")?;
+    let rows: [[f64; 4]; 6] = rows.try_into().map_err(|rows: Vec<_>| {
+        CliError::input(format!(
+            "{}: {} lines: give one for each of 6 joints",
+            path.display(),
+            rows.len()
+        ))
+    })?;
+    let column = |k: usize| rows.map(|row| row[k]);
+    Ok(StandardDh {
+        theta: column(0),
+        a: column(1),
+        d: column(2),
+        alpha: column(3),
+    })
+}
+
+/// `spherecal plant --ur`
+pub(super) fn universal_robots(args: &PlantArgs, at: &str) -> Result<Exit, CliError> {
+    let at = address("--ur", at)?;
+    let mut config = args.configuration()?;
+    if args.config.is_none() {
+        ROBOT.clone_into(&mut config.robot);
+    }
+    let nominal = ur_lengths(&config.robot).ok_or_else(|| {
+        CliError::input(format!(
+            "--ur: robot is \"{}\", which is none of Universal Robots: write robot = \"{ROBOT}\" in the configuration, or leave \
+             --config out",
+            config.robot
+        ))
+    })?;
+    let dh = match &args.dh {
+        Some(path) => parameters(path)?,
+        None => StandardDh::of_lengths(nominal),
+    };
+    let arm: Box<dyn ArmHardware> = match &args.guide {
+        Some(path) => Box::new(guided::<6>(&config, path)?),
+        None => Box::new(simulated::resting(&config)?),
+    };
+    let series = if args.cb3 { Series::Cb3 } else { Series::ESeries };
+    let kinematics = KinematicsInfo {
+        theta: dh.theta,
+        a: dh.a,
+        d: dh.d,
+        alpha: dh.alpha,
+        ..KinematicsInfo::default()
+    };
+    let side = RobotConfig {
+        address: at,
+        ..RobotConfig::new(series, kinematics)
+    };
+    warn_if_open("plant", at);
+    let interrupt = interrupt()?;
+    let version = side.version;
+    let side = RobotSide::start(side, arm)
+        .map_err(|error| CliError::input(format!("cannot listen at {at}: {error}; is another robot running?")))?;
+    announce(&format!(
+        "RTDE (software {version}, {}), on ur:{}",
+        config.robot,
+        side.address()
+    ));
+    wait(&interrupt, || ());
+    let s = side.shut_down();
+    errln!(
+        "{} periods ({} behind the wall clock), {} data packages, {} inputs, {} broken connections",
+        s.periods,
+        s.slipped,
+        s.packages,
+        s.inputs,
+        s.broken
+    );
+    Ok(Exit::Done)
+}
