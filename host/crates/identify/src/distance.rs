@@ -322,6 +322,7 @@ impl DistanceProblem {
                 point: millimetre * variance,
                 ..whitening
             },
+            shares: weights.clone(),
             weights,
             effective: m as f64,
             covariance,

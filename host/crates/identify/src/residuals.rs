@@ -74,7 +74,7 @@ pub struct GroupFit {
 /// Residuals at the final state, by observation and by group.
 pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
     let (state, layout) = (&fit.state, &fit.layout);
-    let row = |(observation, &weight): (&Prepared, &f64)| {
+    let row = |((observation, &weight), &share): ((&Prepared, &f64), &f64)| {
         let mut columns = [Vector3::zeros(); N];
         let k = state.at(observation);
         for j in 0..layout.n {
@@ -98,10 +98,16 @@ pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
             index: observation.index,
             error_mm: error.into(),
             deviation,
-            weight,
+            weight: weight / share,
         }
     };
-    let rows: Vec<ResidualRow> = fit.prepared.par_iter().zip(&fit.weights).map(row).collect();
+    let rows: Vec<ResidualRow> = fit
+        .prepared
+        .par_iter()
+        .zip(&fit.weights)
+        .zip(&fit.shares)
+        .map(row)
+        .collect();
     let length = |row: &ResidualRow| Vector3::from(row.error_mm).norm();
     let mean_square = |of: &[f64]| (of.iter().map(|x| x * x).sum::<f64>() / of.len().max(1) as f64).sqrt();
     let lengths: Vec<f64> = rows.iter().map(length).collect();
@@ -113,7 +119,7 @@ pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
             let chi_square = group
                 .members
                 .iter()
-                .map(|&i| rows[i].deviation.powi(2) * fit.weights[i])
+                .map(|&i| rows[i].deviation.powi(2) * rows[i].weight)
                 .sum::<f64>();
             GroupFit {
                 reference: layout

@@ -10,6 +10,7 @@
 //! until no standard deviation moves by [`constants::SETTLED`]. The posterior of the last round (Laplace) gives the estimate,
 //! every sigma and every statement about the result.
 
+mod alike;
 pub(crate) mod constants;
 pub(crate) mod noise;
 pub(crate) mod sizes;
@@ -18,6 +19,7 @@ mod start;
 use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
 
+use self::alike::Alike;
 use self::constants::{
     FIRST_ROUNDS, HOPELESS, LARGEST_SCALE, ROUNDS, SCALE_EVIDENCE, SCALE_RESIDUAL, SETTLED, WRONG_SCALE,
 };
@@ -49,8 +51,10 @@ pub(crate) struct Fit {
     pub(crate) prepared: Vec<Prepared>,
     pub(crate) groups: Vec<Group>,
     pub(crate) whitening: Whitening,
-    /// Robust weights by prepared observation.
+    /// Weights by prepared observation: robust ones times the shares.
     pub(crate) weights: Vec<f64>,
+    /// What each prepared observation counts among those of postures that are alike.
+    pub(crate) shares: Vec<f64>,
     /// Parameters that the data determine.
     pub(crate) effective: f64,
     pub(crate) unknowns: Unknowns,
@@ -142,6 +146,7 @@ pub(crate) fn fit(
         ),
         groups: groups(&prepared),
         weights: vec![1.0; prepared.len()],
+        alike: Alike::new(&prepared),
         state: start.clone(),
         layout: &layout,
         table: &table,
@@ -165,6 +170,7 @@ pub(crate) fn fit(
         noise,
         groups,
         weights,
+        alike,
         state,
         unknowns,
         ..
@@ -186,6 +192,7 @@ pub(crate) fn fit(
         groups,
         whitening: noise.whitening,
         weights,
+        shares: alike.share,
         effective,
         unknowns,
         covariance,
@@ -207,7 +214,8 @@ struct Search<'a> {
     unknowns: Unknowns,
     sizes: Sizes,
     noise: RowsNoise,
-    /// Robust weights by prepared observation.
+    alike: Alike,
+    /// Weights by prepared observation: robust ones times the shares.
     weights: Vec<f64>,
 }
 
@@ -228,11 +236,19 @@ impl Found<'_> {
             noise,
             unknowns,
             sizes,
+            alike,
             ..
         } = &self.search;
         let d2 = distances(state, layout, prepared, &noise.whitening);
-        let rows: f64 = d2.iter().map(|row| row.shape(1.0, noise.nu)).sum();
-        self.posterior.log_evidence_at(unknowns, rows) + log_determinant(state, layout, prepared, &noise.whitening)
+        let shares = &alike.share;
+        let rows: f64 = d2
+            .iter()
+            .zip(shares)
+            .map(|(row, share)| share * row.shape(1.0, noise.nu))
+            .sum();
+        let share = shares.iter().sum::<f64>() / shares.len() as f64;
+        self.posterior.log_evidence_at(unknowns, rows)
+            + share * log_determinant(state, layout, prepared, &noise.whitening)
             - sizes.penalty()
     }
 
@@ -316,9 +332,10 @@ impl<'a> Search<'a> {
                     unknowns: &self.unknowns,
                     prepared: self.prepared,
                     covariance: &covariance,
+                    shares: &self.alike.share,
                 };
                 moved = moved.max(self.noise.update(&seen));
-                self.reweight()?;
+                moved = moved.max(self.reweight()?);
             }
             if moved < SETTLED || rounds == ROUNDS {
                 return Ok(Found {
@@ -338,14 +355,22 @@ impl<'a> Search<'a> {
         self.state.refresh();
     }
 
-    /// Robust weights at the state.
-    fn reweight(&mut self) -> Result<(), IdentifyError> {
+    /// Weights at the state. Returns the largest change of the logarithm of a share.
+    fn reweight(&mut self) -> Result<f64, IdentifyError> {
         let rows = distances(&self.state, self.layout, self.prepared, &self.noise.whitening);
         if !rows.iter().map(|row| row.d2).sum::<f64>().is_finite() {
             return Err(IdentifyError::Diverged { rms_mm: f64::INFINITY });
         }
-        self.weights = rows.iter().map(|row| self.noise.weight(row.d2, row.numbers)).collect();
-        Ok(())
+        let robust: Vec<f64> = rows.iter().map(|row| self.noise.weight(row.d2, row.numbers)).collect();
+        let residual = |row: &Prepared| self.state.residual(row, &self.state.at(row).tcp);
+        let residuals: Vec<Vector3<f64>> = self.prepared.par_iter().map(residual).collect();
+        let moved = self.alike.update(&residuals, &robust);
+        self.weights = robust
+            .iter()
+            .zip(&self.alike.share)
+            .map(|(robust, share)| robust * share)
+            .collect();
+        Ok(moved)
     }
 }
 

@@ -158,6 +158,8 @@ pub(crate) struct Seen<'a> {
     pub(crate) unknowns: &'a Unknowns,
     pub(crate) prepared: &'a [Prepared],
     pub(crate) covariance: &'a DMatrix<f64>,
+    /// What each row counts.
+    pub(crate) shares: &'a [f64],
 }
 
 impl RowsNoise {
@@ -203,20 +205,21 @@ impl RowsNoise {
             row.slots.iter().for_each(|slot| count[*slot] += 3.0);
         }
         let every = seen.prepared.len().div_ceil(LEVERAGE_ROWS).max(1);
-        let chosen: Vec<(&Prepared, &StackedRow)> = seen
+        let chosen: Vec<(&Prepared, &StackedRow, f64)> = seen
             .prepared
             .iter()
             .zip(&rows)
+            .zip(seen.shares)
             .step_by(every)
-            .filter_map(|(p, row)| Some((p, row.as_ref()?)))
+            .filter_map(|((p, row), share)| Some((p, row.as_ref()?, *share)))
             .collect();
-        let rows_of: Vec<&Prepared> = chosen.iter().map(|(p, _)| *p).collect();
+        let rows_of: Vec<&Prepared> = chosen.iter().map(|(p, ..)| *p).collect();
         let own = own_covariances(seen, &rows_of);
         let shares: Vec<(Variances, Variances)> = chosen
             .iter()
             .zip(own)
-            .map(|((_, row), own)| {
-                let weight = self.weight(row.d2, row.numbers());
+            .map(|((_, row, share), own)| {
+                let weight = share * self.weight(row.d2, row.numbers());
                 let held = &row.inverse * own * &row.inverse * weight;
                 (row.traces(&row.inverse), row.traces(&held))
             })

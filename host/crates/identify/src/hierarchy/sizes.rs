@@ -29,10 +29,10 @@ pub(crate) enum Family {
     Compliance,
     /// Bending of links and tilt of the base.
     Bending,
-    /// Low harmonics of one joint: eccentricity of encoder and gear.
-    Eccentricity(usize),
-    /// Its high harmonics: ripple of the gear.
-    Ripple(usize),
+    /// Low harmonics of all joints: eccentricity of encoders and gears.
+    Eccentricity,
+    /// Their high harmonics: ripple of the gears.
+    Ripple,
     /// Scale of the instrument or the certificate.
     Scale,
     /// Seats of the couplings on the nest.
@@ -52,8 +52,8 @@ impl Family {
             Kind::Tool(_) => Some((Self::Tool, 1.0)),
             Kind::Compliance(_) => Some((Self::Compliance, 1.0)),
             Kind::Bending(..) | Kind::Tilt(_) => Some((Self::Bending, 1.0)),
-            Kind::Cosine(joint, k) | Kind::Sine(joint, k) if k > ECCENTRIC_ORDERS => Some((Self::Ripple(joint), 1.0)),
-            Kind::Cosine(joint, k) | Kind::Sine(joint, k) => Some((Self::Eccentricity(joint), 1.0 / k as f64)),
+            Kind::Cosine(_, k) | Kind::Sine(_, k) if k > ECCENTRIC_ORDERS => Some((Self::Ripple, 1.0)),
+            Kind::Cosine(_, k) | Kind::Sine(_, k) => Some((Self::Eccentricity, 1.0 / k as f64)),
             Kind::Scale => Some((Self::Scale, 1.0)),
             Kind::Seat(..) => Some((Self::Seats, 1.0)),
             Kind::Target(..) | Kind::Body(_) | Kind::Base(..) | Kind::Sphere(..) => None,
@@ -64,8 +64,8 @@ impl Family {
 /// Ordinary size of a group, where `table` is the prior of the table of parameters.
 fn ordinary_of(family: Family, table: f64) -> f64 {
     match family {
-        Family::Eccentricity(_) => HARMONICS.0,
-        Family::Ripple(_) => HARMONICS.1,
+        Family::Eccentricity => HARMONICS.0,
+        Family::Ripple => HARMONICS.1,
         Family::Seats => SEAT_M,
         _ => table,
     }
@@ -74,10 +74,9 @@ fn ordinary_of(family: Family, table: f64) -> f64 {
 /// Standard deviation of the logarithm of a group's size.
 fn spread_of(family: Family) -> f64 {
     match family {
-        Family::Lengths | Family::Twists | Family::Bending => FACTORS.made,
+        Family::Lengths | Family::Twists | Family::Bending | Family::Eccentricity | Family::Ripple => FACTORS.made,
         Family::Offsets | Family::Tool | Family::Scale | Family::Seats => FACTORS.wide,
         Family::Compliance => FACTORS.compliance,
-        Family::Eccentricity(_) | Family::Ripple(_) => FACTORS.rotary,
     }
     .ln()
 }

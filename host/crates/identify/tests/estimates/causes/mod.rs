@@ -204,11 +204,14 @@ fn named(found: &Evaluation, wanted: impl Fn(&Alternative) -> bool, words: &str)
 }
 
 // Fails if a sound experiment is blamed for anything, if its seats are not those of the plate, or if the stated error is not
-// that of the robots over the workspace.
+// that of the robots over the workspace: one interval of six may miss (by chance in 23 of 100 cases), two may not (3), and the
+// stated error lies within a factor of 1.5 of the true one in the median.
 #[test]
 #[ignore = "slow: the gate runs it"]
 fn slow_sound_data_name_nothing_and_the_expected_error_holds() {
-    for seed in [1, 2, 3, 4] {
+    let mut above = Vec::new();
+    let mut ratios = Vec::new();
+    for seed in 1..=6 {
         let trial = sound(seed);
         let found = diagnosed(&trial);
         assert!(
@@ -218,11 +221,10 @@ fn slow_sound_data_name_nothing_and_the_expected_error_holds() {
         );
         let expected = found.verdict.expected_error_mm.expect("it can be told");
         let mean_mm = error_mm(&trial, &found);
-        // The joint noise of a single pose is in the statement and not in the truth.
-        assert!(
-            mean_mm < expected.interval[1] && mean_mm > 0.4 * expected.mean,
-            "seed {seed}: {mean_mm} mm against {expected:?}"
-        );
+        if mean_mm > expected.interval[1] {
+            above.push(format!("seed {seed}: {mean_mm} mm against {expected:?}"));
+        }
+        ratios.push(expected.mean / mean_mm);
         let nominal = found.verdict.nominal_error_mm.expect("it can be told");
         assert!(nominal.mean > 3.0 * expected.mean, "{nominal:?}");
         assert!(
@@ -231,6 +233,9 @@ fn slow_sound_data_name_nothing_and_the_expected_error_holds() {
             found.verdict.probability
         );
     }
+    assert!(above.len() <= 1, "{above:?}");
+    ratios.sort_by(f64::total_cmp);
+    assert!((0.67..1.5).contains(&ratios[3]), "{ratios:?}");
 }
 
 // Fails if one coordinate of the certificate that is wrong by 0.2 mm is not named
