@@ -4,6 +4,7 @@
 mod oddities;
 mod origins;
 mod refused;
+mod standard;
 mod tips;
 
 use proptest::prelude::*;
