@@ -206,3 +206,29 @@ fn the_calibration_of_a_ur_is_read() {
         assert!(error.contains(words), "{words}: {error}");
     }
 }
+
+/// A real arm: the file of a UR10e that its owner published (<https://forum.universal-robots.com/t/calibrated-kinamatics-info/18921>).
+const OF_A_UR10E: &str = "[mounting]
+delta_theta = [ -8.20642406610186392e-05, -0.103609197138685979, 0.673631891251821102, -0.57016974724960845, -4.59636351675856217e-05, 9.74999561134540574e-07]
+delta_a = [ -0.000161187342296687116, 0.00304003843792177708, 0.0916468555721788314, -9.62964975953143595e-05, -2.97595340762196176e-05, 0]
+delta_d = [ 0.000505390894843998906, 11.1984514757821039, -92.5270326908668181, 81.3282683520703529, -0.000212852818740727479, -0.000126145560998547346]
+delta_alpha = [ -0.00032142399895862539, -0.00565024518540147101, -0.00378922621833689211, -0.00106533274011644252, 0.000999586303470856308, 0]
+calibration_status = 2 # 0 == notInitialized / 1 == notLinearised / 2 == Linearised
+";
+
+// Fails if the calibration of a real arm does not correct its lengths by some mm, or passes for that of another type.
+#[test]
+fn a_published_calibration_is_that_of_its_arm() {
+    let model = ur_conf::load("c.conf", OF_A_UR10E, Some("ur10e")).unwrap();
+    let nominal = built_in("ur10e").unwrap();
+    let (a, b): (Vec<f64>, Vec<f64>) = (
+        model.rows().iter().map(|r| r.a).collect(),
+        nominal.rows().iter().map(|r| r.a).collect(),
+    );
+    let most = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!((1e-4..3e-3).contains(&most), "{most}");
+    let error = ur_conf::load("c.conf", OF_A_UR10E, Some("ur5e"))
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("another arm than ur5e"), "{error}");
+}
