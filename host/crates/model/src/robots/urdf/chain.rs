@@ -77,20 +77,20 @@ impl Urdf {
             (tip.to_owned(), "it was asked for".to_owned())
         };
         let mut path = self.path_to(&tip, &into)?;
-        if !base.is_empty() {
+        if base.is_empty() {
+            // A floating or planar base: the arm begins on the body that it carries.
+            let of_base = |&i: &usize| self.joints[i].motion == JointMotion::Fixed || self.joints[i].is_base();
+            let before = path.iter().take_while(|i| of_base(i)).count();
+            if let Some(last) = path.iter().take(before).rposition(|&i| self.joints[i].is_base()) {
+                path.drain(..=last);
+            }
+        } else {
             let from = path.iter().position(|&i| self.joints[i].parent == base);
             let from = from.filter(|_| base != tip).ok_or_else(|| {
                 let remedy = format!("is not on the way to {tip}: name a link between the root and the tip");
                 value_error(&self.path, "base link".to_owned(), base, &remedy)
             })?;
             path.drain(..from);
-        } else {
-            // A floating or planar base: the arm begins on the body that it carries.
-            let of_base = |&i: &usize| matches!(self.joints[i].motion, JointMotion::Fixed) || self.joints[i].is_base();
-            let base = path.iter().take_while(|i| of_base(i)).count();
-            if let Some(last) = path.iter().take(base).rposition(|&i| self.joints[i].is_base()) {
-                path.drain(..=last);
-            }
         }
         if let Some(&i) = path.iter().find(|&&i| self.joints[i].motion == JointMotion::Other) {
             return Err(self.odd_type(&self.joints[i]));
