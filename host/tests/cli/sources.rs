@@ -137,16 +137,22 @@ fn write_bag(file: &Path, joints: &[&str], rows: &[(Vec<f64>, Pose<f64>)]) {
             let time_ns = 1_000_000_000 * (1 + k) + 100_000_000 * step;
             let state = cdr(time_ns, "", |body| {
                 whole(body, joints.len() as u32);
-                joints.iter().for_each(|name| word(body, name));
+                for name in joints {
+                    word(body, name);
+                }
                 whole(body, q.len() as u32);
-                q.iter().for_each(|q| number(body, *q));
+                for q in q {
+                    number(body, *q);
+                }
                 whole(body, 0);
                 whole(body, 0);
             });
             put(1, time_ns, state);
             if step == 3 {
                 let point = cdr(time_ns, "tracker", |body| {
-                    at.position.iter().for_each(|x| number(body, *x))
+                    for x in &at.position {
+                        number(body, *x);
+                    }
                 });
                 put(2, time_ns, point);
             }
