@@ -117,7 +117,7 @@ pub(super) fn load(path: &str, text: &str, name: Option<&str>) -> Result<RobotMo
     for (joint, row) in model.robot.joints.iter_mut().zip(&table.rows) {
         joint.mdh = *row;
     }
-    (model.base, model.flange, model.origin) = (table.base, table.flange, Origin::Toml);
+    (model.base, model.flange, model.origin) = (table.base, table.flange, Origin::Controller);
     model.robot.check().map_err(|source| RobotFileError::Robot {
         path: path.to_owned(),
         source,
