@@ -102,7 +102,9 @@ impl Lobby {
         // So many in one look at most: a flood of connections must not keep the caller.
         for _ in 0..MOST {
             // Nobody, a peer that is gone already, or no descriptor is free: the next look tries again.
-            let Ok((mut stream, address)) = listener.accept() else { break };
+            let Ok((mut stream, address)) = listener.accept() else {
+                break;
+            };
             // A fresh connection has room for a greeting.
             let greeted = stream
                 .set_nonblocking(true)
