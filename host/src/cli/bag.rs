@@ -100,12 +100,16 @@ impl BagTables {
 fn wanted(args: &BagArgs, names: Vec<String>, model: &RobotModel) -> Result<Wanted, CliError> {
     // Exported telemetry has the names of the URDF that is made for a robot without one.
     let made = model.frame_tree(&model.tool_in_table()).joint_names().to_vec();
-    let (joints, other_joints) = match (names.is_empty(), model.joint_names.is_empty()) {
-        (false, _) => (names, Vec::new()),
-        (true, false) => (model.joint_names.clone(), made),
-        (true, true) => (made, Vec::new()),
+    // Joints that slide are recorded too, and those that follow others need not be.
+    let columns = model.joint_path().map_err(CliError::input)?.columns;
+    let n = columns.len();
+    let plain = model.clone().plain().is_ok();
+    let (joints, other_joints) = match (names.is_empty(), plain, model.joint_names.is_empty()) {
+        (false, ..) => (names, Vec::new()),
+        (true, false, _) => (columns, Vec::new()),
+        (true, true, false) => (model.joint_names.clone(), made),
+        (true, true, true) => (made, Vec::new()),
     };
-    let n = model.robot.dof();
     let mut sorted = joints.clone();
     sorted.sort();
     sorted.dedup();

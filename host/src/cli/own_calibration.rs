@@ -5,7 +5,7 @@ use std::path::Path;
 use serde_json::{Value, json};
 use spherecal_job::{JobError, Link};
 use spherecal_link::UrReader;
-use spherecal_model::robots::{self, RobotDifference, RobotModel, StandardDh, compare as difference, toml_file};
+use spherecal_model::robots::{self, RobotDifference, RobotModel, UrParameters, compare as difference, toml_file};
 use spherecal_model::write_file;
 
 use super::args::BadValue;
@@ -23,7 +23,7 @@ pub(super) fn ur_link(text: &str) -> Result<Link, BadValue> {
 /// The robot as its controller computes it.
 fn own_model(reader: &UrReader) -> Result<RobotModel, CliError> {
     let info = reader.kinematics()?;
-    let dh = StandardDh {
+    let dh = UrParameters {
         theta: info.theta,
         a: info.a,
         d: info.d,

@@ -41,6 +41,9 @@ pub enum RobotAction {
         /// Print one JSON document on stdout and nothing else.
         #[arg(long)]
         json: bool,
+        /// Print the standard Denavit-Hartenberg table in place of the modified one.
+        #[arg(long, conflicts_with = "json")]
+        standard_dh: bool,
     },
     /// Compare two robots link by link: the nominal one and a calibrated one, or two calibrations.
     ///
@@ -82,15 +85,19 @@ pub enum RobotAction {
     /// Robots (kinematics_params of ur_description), Franka (kinematics.yaml of
     /// franka_description), or else the joints' names.
     #[command(
-        after_help = "Examples:\n  spherecal robot convert arm.urdf arm.toml\n  spherecal robot convert spherecal-out/calibrated.toml my_ur5e_calibration.yaml"
+        after_help = "Examples:\n  spherecal robot convert arm.urdf arm.toml\n  spherecal robot convert --standard-dh arm.urdf arm.toml\n  spherecal robot convert calibration.conf#ur5e my_ur5e.toml\n  spherecal robot convert spherecal-out/calibrated.toml my_ur5e_calibration.yaml"
     )]
     Convert {
-        /// Built-in name, FILE.toml, FILE.urdf, FILE.urdf#TIP, FILE.urdf#BASE:TIP, or FILE.yaml (joint origins).
+        /// Built-in name, FILE.toml, FILE.urdf, FILE.urdf#TIP, FILE.urdf#BASE:TIP, FILE.yaml (joint origins), or FILE.conf#NAME
+        /// (calibration.conf of a controller of Universal Robots, and the built-in arm that it corrects).
         #[arg(value_name = "NAME|FILE")]
         robot: String,
         /// File to write.
         #[arg(value_name = "TO")]
         to: PathBuf,
+        /// Write a .toml file with a standard Denavit-Hartenberg table in place of a modified one.
+        #[arg(long)]
+        standard_dh: bool,
     },
 }
 
@@ -98,20 +105,25 @@ pub enum RobotAction {
 pub(super) fn run(args: &RobotArgs) -> Result<Exit, CliError> {
     match &args.action {
         RobotAction::List { json } => list(*json),
-        RobotAction::Show { robot, json: false } => show(&robots::load_path(robot)?)?,
-        RobotAction::Show { robot, json: true } => outln!("{:#}", document(&robots::load_path(robot)?)?),
         RobotAction::Compare { robot, other, json } => compare(robot, other, *json)?,
         RobotAction::Read { link, to, json } => {
             let model = read(link, *json)?;
             if let Some(to) = to {
-                convert(&model, to)?;
+                convert(&model, to, false)?;
                 if !json {
                     outln!("\n{}", to.display());
                 }
             }
         }
-        RobotAction::Convert { robot, to } => {
-            convert(&robots::load(robot)?, to)?;
+        RobotAction::Show { robot, json: true, .. } => outln!("{:#}", document(&robots::load_path(robot)?)?),
+        RobotAction::Show {
+            robot,
+            standard_dh: true,
+            ..
+        } => show_standard(&robots::load_path(robot)?),
+        RobotAction::Show { robot, .. } => show(&robots::load_path(robot)?)?,
+        RobotAction::Convert { robot, to, standard_dh } => {
+            convert(&robots::load(robot)?, to, *standard_dh)?;
             outln!("{}", to.display());
         }
     }
@@ -302,13 +314,53 @@ fn chain(model: &RobotModel) -> Result<(), RobotFileError> {
     Ok(())
 }
 
-fn convert(model: &RobotModel, to: &Path) -> Result<(), CliError> {
+fn show_standard(model: &RobotModel) {
+    let chain = model.standard();
+    outln!(
+        "{}, {} joints (standard DH, mm and degrees)\n",
+        model.robot.name,
+        chain.rows.len()
+    );
+    outln!(
+        "  {:>5} {:>10} {:>12} {:>10} {:>10}",
+        "joint",
+        "theta",
+        "d",
+        "a",
+        "alpha"
+    );
+    for (row, number) in chain.rows.iter().zip(1..) {
+        outln!(
+            "  {number:>5} {:10.4} {:12.4} {:10.4} {:10.4}",
+            row.theta.to_degrees(),
+            row.d * 1e3,
+            row.a * 1e3,
+            row.alpha.to_degrees()
+        );
+    }
+    let (root, flange) = &model.frame_names;
+    outln!("\n  frame 0 in {root}: {}", pose_words(&chain.base));
+    outln!(
+        "  {flange} in frame {}: {}",
+        chain.rows.len(),
+        pose_words(&chain.flange)
+    );
+}
+
+fn convert(model: &RobotModel, to: &Path, standard: bool) -> Result<(), CliError> {
     let notes = [format!("written by spherecal {}", env!("CARGO_PKG_VERSION"))];
     let extension = to
         .extension()
         .map(|e| e.to_string_lossy().to_lowercase())
         .unwrap_or_default();
     let text = match extension.as_str() {
+        "toml" if standard => toml_file::write_standard(model, &notes),
+        _ if standard => {
+            return Err(CliError::input(format!(
+                "--standard-dh: {} holds no table: end its name in .toml",
+                to.display()
+            )));
+        }
         "toml" => toml_file::write(model, &notes),
         "urdf" | "xml" => write_urdf(model, &model.rows(), &notes),
         "yaml" | "yml" => write_kinematics_yaml(model, &model.rows(), &notes),

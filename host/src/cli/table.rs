@@ -256,6 +256,14 @@ pub(super) fn put_right(
     let n = path.columns.len();
     let adjust = args.adjustments(n)?;
     let mapping = ColumnMapping::parse(&args.columns, args.ignore_rest).map_err(CliError::input)?;
+    let bags_alone = tables.data.is_some() && (request.validate.is_none() || tables.validate.is_some());
+    if bags_alone && !(mapping.is_nothing() && request.ignore_columns.is_empty()) {
+        return Err(refuse(
+            "--columns, --ignore-rest, --ignore-columns",
+            &request.data.display().to_string(),
+            "a bag has no columns: name its topics with --topics, and its joints with --joint-columns",
+        ));
+    }
     let format = TableFormat {
         joints: n,
         joint_names: if plain {
@@ -288,7 +296,7 @@ pub(super) fn put_right(
             };
             let mut places = Labels::default();
             let mut table: Table = read_csv(&name, csv.as_bytes(), &format, &mut places).map_err(CliError::input)?;
-            adjust.apply(&mut table);
+            adjust.apply(&mut table).map_err(CliError::input)?;
             if !plain {
                 hinges(&path, tool, &mut table, &mut motion, notes)?;
             }

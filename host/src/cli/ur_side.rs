@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use spherecal_model::robots::{StandardDh, ur_lengths};
+use spherecal_model::robots::{UrParameters, ur_lengths};
 use spherecal_ur::robot::{ArmHardware, RobotConfig, RobotSide};
 use spherecal_ur::wire::{KinematicsInfo, Series};
 
@@ -19,7 +19,7 @@ const ROBOT: &str = "ur5e";
 const MOST: f64 = 1e5;
 
 /// The parameters of a file: a line for each joint.
-fn parameters(path: &Path) -> Result<StandardDh, CliError> {
+fn parameters(path: &Path) -> Result<UrParameters, CliError> {
     let rows: Vec<[f64; 4]> = lines(path, MOST, "theta, a, d and alpha of a joint")?;
     let rows: [[f64; 4]; 6] = rows.try_into().map_err(|rows: Vec<_>| {
         CliError::input(format!(
@@ -29,7 +29,7 @@ fn parameters(path: &Path) -> Result<StandardDh, CliError> {
         ))
     })?;
     let column = |k: usize| rows.map(|row| row[k]);
-    Ok(StandardDh {
+    Ok(UrParameters {
         theta: column(0),
         a: column(1),
         d: column(2),
@@ -53,7 +53,7 @@ pub(super) fn universal_robots(args: &PlantArgs, at: &str) -> Result<Exit, CliEr
     })?;
     let dh = match &args.dh {
         Some(path) => parameters(path)?,
-        None => StandardDh::of_lengths(nominal),
+        None => UrParameters::of_lengths(nominal),
     };
     let arm: Box<dyn ArmHardware> = match &args.guide {
         Some(path) => Box::new(guided::<6>(&config, path)?),

@@ -34,6 +34,7 @@ mod page;
 mod paths;
 mod processes;
 mod real_data;
+mod recorders;
 mod refused;
 #[cfg(unix)]
 mod release;

@@ -82,6 +82,88 @@ fn identify(folder: &Path, data: &str, robot: &str, more: &[&str]) -> (Option<i3
     (output.status.code(), text(&output.stdout), text(&output.stderr))
 }
 
+/// A message in CDR: its header, then what `rest` writes; numbers are aligned to their size.
+fn cdr(time_ns: i64, frame: &str, rest: impl Fn(&mut Vec<u8>)) -> Vec<u8> {
+    let mut body = Vec::new();
+    whole(&mut body, (time_ns / 1_000_000_000) as u32);
+    whole(&mut body, (time_ns % 1_000_000_000) as u32);
+    word(&mut body, frame);
+    rest(&mut body);
+    [vec![0, 1, 0, 0], body].concat()
+}
+
+fn whole(body: &mut Vec<u8>, value: u32) {
+    body.resize(body.len().next_multiple_of(4), 0);
+    body.extend(value.to_le_bytes());
+}
+
+fn word(body: &mut Vec<u8>, text: &str) {
+    whole(body, text.len() as u32 + 1);
+    body.extend(text.as_bytes());
+    body.push(0);
+}
+
+fn number(body: &mut Vec<u8>, value: f64) {
+    body.resize(body.len().next_multiple_of(8), 0);
+    body.extend(value.to_le_bytes());
+}
+
+/// A bag in SQLite: at each row the arm rests for half a second, with a measured point in the middle.
+fn write_bag(file: &Path, joints: &[&str], rows: &[(Vec<f64>, Pose<f64>)]) {
+    use sqlx::ConnectOptions as _;
+    let runtime = tokio::runtime::Runtime::new().expect("a runtime");
+    let options = sqlx::sqlite::SqliteConnectOptions::new()
+        .filename(file)
+        .create_if_missing(true);
+    let mut bag = runtime.block_on(options.connect()).expect("a bag");
+    for statement in [
+        "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT, offered_qos_profiles TEXT)",
+        "INSERT INTO topics VALUES (1, '/joint_states', 'sensor_msgs/msg/JointState', 'cdr', ''), \
+         (2, '/point', 'geometry_msgs/msg/PointStamped', 'cdr', '')",
+        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)",
+        "BEGIN",
+    ] {
+        runtime
+            .block_on(sqlx::query(statement).execute(&mut bag))
+            .expect("made");
+    }
+    let mut put = |topic: i64, time_ns: i64, data: Vec<u8>| {
+        let insert = sqlx::query("INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)");
+        let insert = insert.bind(topic).bind(time_ns).bind(data);
+        runtime.block_on(insert.execute(&mut bag)).expect("inserted");
+    };
+    for (k, (q, at)) in (0_i64..).zip(rows) {
+        for step in 0..6 {
+            let time_ns = 1_000_000_000 * (1 + k) + 100_000_000 * step;
+            let state = cdr(time_ns, "", |body| {
+                whole(body, joints.len() as u32);
+                for name in joints {
+                    word(body, name);
+                }
+                whole(body, q.len() as u32);
+                for q in q {
+                    number(body, *q);
+                }
+                whole(body, 0);
+                whole(body, 0);
+            });
+            put(1, time_ns, state);
+            if step == 3 {
+                let point = cdr(time_ns, "tracker", |body| {
+                    for x in &at.position {
+                        number(body, *x);
+                    }
+                });
+                put(2, time_ns, point);
+            }
+        }
+    }
+    runtime
+        .block_on(sqlx::query("COMMIT").execute(&mut bag))
+        .expect("written");
+    runtime.block_on(sqlx::Connection::close(bag)).expect("closed");
+}
+
 /// The estimates of a result.
 fn parameters(folder: &Path) -> Vec<(String, f64)> {
     let summary = std::fs::read_to_string(folder.join("out/summary.json")).expect("a summary");
@@ -232,7 +314,8 @@ fn an_arm_with_a_slide_is_identified() {
         "{refused}"
     );
     let model = robots::load_path(&folder.path().join("torso.urdf").display().to_string()).expect("a robot");
-    let data = table("lift,j1,j2,j3,j4,j5,j6,x_mm,y_mm,z_mm", &rows(&model, 80), ",", 1.0, mm);
+    let recorded = rows(&model, 80);
+    let data = table("lift,j1,j2,j3,j4,j5,j6,x_mm,y_mm,z_mm", &recorded, ",", 1.0, mm);
     let (code, _, error) = identify(folder.path(), &data, "torso.urdf", &[]);
     assert!(matches!(code, Some(0 | 3)), "{error}");
     assert!(error.contains("the arm is l0 - lift (slides), j1"), "{error}");
@@ -243,6 +326,43 @@ fn an_arm_with_a_slide_is_identified() {
     );
     let out = std::fs::read_to_string(folder.path().join("out/calibrated.urdf")).expect("a URDF");
     assert!(out.contains("head_pan") && out.contains("type=\"prismatic\""), "{out}");
+    // A bag of the same rests says the same. It has no columns to name.
+    let joints = ["j6", "lift", "j1", "j2", "j3", "j4", "j5"];
+    let turned: Vec<_> = recorded
+        .iter()
+        .map(|(q, at)| ([&q[6..], &q[..6]].concat(), *at))
+        .collect();
+    write_bag(&folder.path().join("rests.db3"), &joints, &turned);
+    let bag = [
+        "identify",
+        "--robot",
+        "torso.urdf",
+        "--data",
+        "rests.db3",
+        "--tool-mm",
+        "20,10,120",
+        "--out",
+        "out",
+    ];
+    let said = spherecal(folder.path(), &bag);
+    assert!(matches!(said.status.code(), Some(0 | 3)), "{}", text(&said.stderr));
+    let of_bag = parameters(folder.path());
+    assert_eq!(of_bag.len(), offset.len());
+    for (a, b) in of_bag.iter().zip(&offset) {
+        assert!(a.0 == b.0 && (a.1 - b.1).abs() < 1e-9, "{a:?} {b:?}");
+    }
+    for option in [
+        ["--columns", "joints=a,b"].as_slice(),
+        &["--ignore-rest"],
+        &["--ignore-columns", "time"],
+    ] {
+        let said = spherecal(folder.path(), &[&bag, option].concat());
+        let error = text(&said.stderr);
+        assert!(
+            said.status.code() == Some(2) && error.contains("a bag has no columns"),
+            "{option:?}: {error}"
+        );
+    }
     // The chain behind the slide is a plain arm, named by its base.
     let shown = spherecal(folder.path(), &["robot", "show", "torso.urdf#l1:l7", "--json"]);
     let shown: Value = serde_json::from_slice(&shown.stdout).expect("JSON");

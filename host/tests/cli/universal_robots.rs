@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde_json::Value;
-use spherecal::model::robots::{self, StandardDh};
+use spherecal::model::robots::{self, UrParameters};
 
 use crate::support::{Server, spherecal, text};
 
@@ -29,7 +29,7 @@ fn write_csv(path: &Path, rows: impl IntoIterator<Item = Vec<f64>>) {
 /// The robot that computes with [`DH`].
 fn own() -> robots::RobotModel {
     let column = |k: usize| DH.map(|row| row[k]);
-    let dh = StandardDh {
+    let dh = UrParameters {
         theta: column(0),
         a: column(1),
         d: column(2),

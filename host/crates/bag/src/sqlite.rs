@@ -15,11 +15,22 @@ use super::error::BagError;
 use super::files::{LARGER, MOST_BAG_BYTES};
 use super::message::{BagMessage, MOST_RECORD_BYTES, Topic, full_name};
 
-/// The next messages behind a time and id. Types that a bag is not read for come without their data.
-const NEXT: &str = "SELECT m.id, m.topic_id, m.timestamp, CASE WHEN length(m.data) <= ?3 AND (t.type LIKE '%JointState' OR \
+/// Most topics of a bag, and the longest name of one and of its type, in bytes: a robot has some hundred.
+const MOST_TOPICS: usize = 10_000;
+const MOST_NAME_BYTES: i64 = 1024;
+const TOPICS: &str = "SELECT id, name, type, serialization_format FROM topics WHERE max(length(name), length(type), \
+    length(serialization_format)) <= ?1 LIMIT ?2";
+/// The next messages behind a time and id: some, and together at most as large as one record may be. Types that a bag is not
+/// read for come without their data. The length of a value is read without the value.
+const NEXT: &str = "WITH piece AS (SELECT m.id, m.topic_id, m.timestamp, length(m.data) <= ?3 AND (t.type LIKE '%JointState' OR \
     t.type LIKE '%Stamped' OR t.type LIKE '%TFMessage' OR t.type LIKE '%Odometry' OR t.type LIKE '%PoseArray' OR t.type LIKE \
-    'std_msgs/%Int%') THEN m.data ELSE x'' END FROM messages m JOIN topics t ON t.id = m.topic_id WHERE (m.timestamp, m.id) > \
-    (?1, ?2) ORDER BY m.timestamp, m.id LIMIT 256";
+    'std_msgs/%Int%') AS whole, length(m.data) AS bytes FROM messages m JOIN topics t ON t.id = m.topic_id WHERE \
+    (m.timestamp, m.id) > (?1, ?2) ORDER BY m.timestamp, m.id LIMIT 256), summed AS (SELECT *, sum(bytes * whole) OVER \
+    (ORDER BY timestamp, id) AS so_far, row_number() OVER (ORDER BY timestamp, id) AS number FROM piece) \
+    SELECT s.id, s.topic_id, s.timestamp, CASE WHEN s.whole THEN m.data ELSE x'' END FROM summed s JOIN messages m ON m.id = s.id \
+    WHERE s.so_far <= ?3 OR s.number = 1 ORDER BY s.timestamp, s.id";
+/// Endings of the files in which SQLite keeps what is not yet in the bag.
+const BESIDE: [&str; 2] = ["-wal", "-journal"];
 
 /// Calls `each` for every message of a bag in SQLite, in the order of time, and `progress` with the bytes read so far.
 ///
@@ -33,6 +44,7 @@ pub(crate) fn each_message(
     // What is not a regular file is refused in the words of all files.
     let (file, bytes) = open_regular(path, MOST_BAG_BYTES, LARGER)?;
     drop(file);
+    not_all(path)?;
     let failed = |what: &dyn std::fmt::Display| BagError::Database {
         path: path.display().to_string(),
         what: what.to_string(),
@@ -47,10 +59,13 @@ pub(crate) fn each_message(
         .read_only(true)
         .immutable(true);
     let mut connection = runtime.block_on(options.connect()).map_err(|e| failed(&e))?;
-    let query = "SELECT id, name, type, serialization_format FROM topics";
+    let query = sqlx::query(TOPICS).bind(MOST_NAME_BYTES).bind(MOST_TOPICS as i64 + 1);
     let rows = runtime
-        .block_on(sqlx::query(query).fetch_all(&mut connection))
+        .block_on(query.fetch_all(&mut connection))
         .map_err(|e| failed(&e))?;
+    if rows.len() > MOST_TOPICS {
+        return Err(failed(&format!("it names more than {MOST_TOPICS} topics")));
+    }
     let mut topics: HashMap<i64, Rc<Topic>> = HashMap::new();
     for row in rows {
         let (id, topic) = topic(&row).map_err(|e| failed(&e))?;
@@ -82,6 +97,26 @@ pub(crate) fn each_message(
         }
         progress(seen.min(bytes));
     }
+}
+
+/// Refuses a bag whose newest messages are in a file beside it, as a recorder leaves them that was killed or still runs:
+/// SQLite would write to read them.
+fn not_all(path: &Path) -> Result<(), BagError> {
+    for ending in BESIDE {
+        let mut beside = path.as_os_str().to_owned();
+        beside.push(ending);
+        if std::fs::metadata(&beside).is_ok_and(|m| m.len() > 0) {
+            return Err(BagError::Kind {
+                path: path.display().to_string(),
+                what: format!(
+                    "a recorder left {} beside it, with changes that are not in the bag",
+                    spherecal_model::printable(&beside.to_string_lossy())
+                ),
+                remedy: "stop the recorder; if it was killed, `sqlite3 FILE 'PRAGMA journal_mode=DELETE'` takes them in",
+            });
+        }
+    }
+    Ok(())
 }
 
 async fn next(connection: &mut SqliteConnection, behind: (i64, i64)) -> Result<Vec<SqliteRow>, sqlx::Error> {

@@ -167,7 +167,15 @@ pub(crate) fn targets(
         })?;
         early.extend(ended);
     }
-    let chosen = scan.topics.choose(bag, &wanted.topics)?;
+    let chosen = scan.topics.choose(bag, &wanted.topics).map_err(|error| match error {
+        // What is missing may be in the part that was lost.
+        BagError::Topics { path, what, remedy } if !early.is_empty() => BagError::Topics {
+            path,
+            what: format!("{what}; {}", early.join("; ")),
+            remedy,
+        },
+        error => error,
+    })?;
     let by_header = scan.joint_headers && scan.found.iter().all(|(_, header, _)| header.is_some());
     let mut all: Vec<TargetAt> = scan
         .found

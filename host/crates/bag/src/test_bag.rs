@@ -122,6 +122,23 @@ impl TestBag {
     }
 }
 
+/// Changes a bag in SQLite.
+pub(crate) fn execute(db3: &Path, statements: &[&'static str]) {
+    use sqlx::ConnectOptions as _;
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    let options = sqlx::sqlite::SqliteConnectOptions::new().filename(db3);
+    let mut connection = runtime.block_on(options.connect()).unwrap();
+    for statement in statements {
+        runtime
+            .block_on(sqlx::query(*statement).execute(&mut connection))
+            .unwrap();
+    }
+    runtime.block_on(sqlx::Connection::close(connection)).unwrap();
+}
+
 /// Writes the messages of an MCAP file as rosbag2 writes them in SQLite.
 pub(crate) fn to_sqlite(mcap: &Path, db3: &Path) {
     use sqlx::ConnectOptions as _;

@@ -10,7 +10,9 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, UnitQuaternion, Vector3};
 
+use super::error::InputError;
 use super::table::{Table, rotation};
+use crate::Target;
 
 /// Corrections of a table; the default changes nothing.
 #[derive(Clone, Debug, PartialEq)]
@@ -157,8 +159,56 @@ impl Adjustments {
         }
     }
 
+    /// Refuses a correction that does not reach every row: of points that a row does not have, or of orientations.
+    fn check(&self, table: &Table) -> Result<(), InputError> {
+        let refuse = |option: &str, value: String, remedy: &str| {
+            Err(InputError::Field {
+                file: table.file.clone(),
+                field: option.to_owned(),
+                value,
+                remedy: remedy.to_owned(),
+            })
+        };
+        let turned = table
+            .rows()
+            .filter(|row| matches!(row.target(), Target::Frame(_)))
+            .count();
+        if self.invert && turned < table.len() {
+            return refuse(
+                "--invert-poses",
+                format!("for {} rows of which {turned} have an orientation", table.len()),
+                "a point alone cannot be inverted: give the orientation of every pose, or leave the other rows out",
+            );
+        }
+        let placed = table.rows().any(|row| !matches!(row.target(), Target::Sphere { .. }));
+        for (given, option) in [
+            (self.point_factor != 1.0, "--point-factor"),
+            (self.mirror, "--mirror-points"),
+        ] {
+            if given && !placed {
+                return refuse(
+                    option,
+                    "for rows of contacts".to_owned(),
+                    "it corrects measured points: leave it out",
+                );
+            }
+        }
+        if self.shift.unsigned_abs() >= table.len() as u64 {
+            return refuse(
+                "--shift-rows",
+                format!("{} for {} rows", self.shift, table.len()),
+                "shift by fewer rows than the table has",
+            );
+        }
+        Ok(())
+    }
+
     /// Corrects a table.
-    pub fn apply(&self, table: &mut Table) {
+    ///
+    /// # Errors
+    /// Poses to invert without orientations, points to correct where there are none, and a shift beyond the last row.
+    pub fn apply(&self, table: &mut Table) -> Result<(), InputError> {
+        self.check(table)?;
         let n = table.joints;
         let (map, zero) = self.joint_map(n);
         // Torques do the same work on the joints as on the columns.
@@ -193,13 +243,12 @@ impl Adjustments {
             point.copy_from_slice(moved.as_slice());
         }
         self.shift_rows(table);
+        Ok(())
     }
 
     /// Gives each row of joint angles the measurement of a later row; rows without one are left out.
     fn shift_rows(&self, table: &mut Table) {
-        let by = usize::try_from(self.shift.unsigned_abs())
-            .unwrap_or(usize::MAX)
-            .min(table.len());
+        let by = usize::try_from(self.shift.unsigned_abs()).unwrap_or(usize::MAX);
         if by == 0 {
             return;
         }

@@ -43,7 +43,7 @@ fn a_table_goes_round_as_text() {
 fn corrections_do_what_they_say() {
     let joints = |adjust: &Adjustments| {
         let (mut table, _) = read(TABLE, 3);
-        adjust.apply(&mut table);
+        adjust.apply(&mut table).unwrap();
         let row = table.rows().next().unwrap();
         (row.q.to_vec(), row.tau.unwrap().to_vec())
     };
@@ -79,13 +79,63 @@ fn corrections_do_what_they_say() {
     };
     assert_eq!(joints(&unit), (vec![0.1, 0.1, 0.3], vec![1.0, 2.0, 3.0]));
     let (mut table, _) = read(TABLE, 3);
-    Adjustments { shift: 1, ..plain() }.apply(&mut table);
+    Adjustments { shift: 1, ..plain() }.apply(&mut table).unwrap();
     let row = table.rows().next().unwrap();
     assert_eq!((table.len(), row.q[0], row.point), (2, 0.1, Some([1.5, 1.25, 1.125])));
     let (mut table, _) = read(TABLE, 3);
-    Adjustments { shift: -1, ..plain() }.apply(&mut table);
+    Adjustments { shift: -1, ..plain() }.apply(&mut table).unwrap();
     let row = table.rows().next().unwrap();
     assert_eq!((table.len(), row.q[0], row.point), (2, 0.4, Some([0.5, 0.25, 0.125])));
+}
+
+// Fails if a correction that does not reach every row is said to be done: points or poses that are not there.
+#[test]
+fn corrections_that_do_nothing_are_refused() {
+    let plain = Adjustments::default;
+    let points = "q1,x_mm,y_mm,z_mm\n1,2,3,4\n2,3,4,5\n";
+    let contacts = "q1,sphere\n1,1\n2,2\n";
+    let some = "q1,x_m,y_m,z_m,qw,qx,qy,qz\n1,2,3,4,1,0,0,0\n2,2,3,4,,,,\n";
+    let invert = || Adjustments {
+        invert: true,
+        ..plain()
+    };
+    for (text, adjust, words) in [
+        (
+            points,
+            invert(),
+            "--invert-poses is for 2 rows of which 0 have an orientation",
+        ),
+        (
+            some,
+            invert(),
+            "--invert-poses is for 2 rows of which 1 have an orientation",
+        ),
+        (
+            contacts,
+            Adjustments {
+                point_factor: 25.4,
+                ..plain()
+            },
+            "--point-factor is for rows of contacts",
+        ),
+        (
+            contacts,
+            Adjustments {
+                mirror: true,
+                ..plain()
+            },
+            "--mirror-points is for rows of contacts",
+        ),
+        (
+            points,
+            Adjustments { shift: -2, ..plain() },
+            "--shift-rows is -2 for 2 rows",
+        ),
+    ] {
+        let (mut table, _) = read(text, 1);
+        let error = adjust.apply(&mut table).unwrap_err().to_string();
+        assert!(error.contains(words), "{words}: {error}");
+    }
 }
 
 proptest! {
@@ -95,12 +145,12 @@ proptest! {
         let (mut table, _) = read(TABLE, 3);
         let (plain, _) = read(TABLE, 3);
         let adjust = Adjustments { invert, mirror: mirror && !invert, ..Adjustments::default() };
-        adjust.apply(&mut table);
+        adjust.apply(&mut table).unwrap();
         for row in table.rows() {
             let Target::Frame(pose) = row.target() else { panic!() };
             prop_assert!((pose.rotation.determinant() - 1.0).abs() < 1e-12);
         }
-        adjust.apply(&mut table);
+        adjust.apply(&mut table).unwrap();
         for (a, b) in table.rows().zip(plain.rows()) {
             let (Target::Frame(a), Target::Frame(b)) = (a.target(), b.target()) else { panic!() };
             prop_assert!((a.position - b.position).amax() < 1e-12 && (a.rotation - b.rotation).amax() < 1e-12);

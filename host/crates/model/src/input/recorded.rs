@@ -193,7 +193,10 @@ pub fn recorded(
             out.csv.push('\n');
             continue;
         }
-        out.csv.push_str(&joined(&plan.row(&cells), *separator));
+        let row = plan.row(&cells);
+        // A cell may have been emptied.
+        out.changed |= row != cells;
+        out.csv.push_str(&joined(&row, *separator));
         out.csv.push('\n');
     }
     if left_out.0 > 0 {

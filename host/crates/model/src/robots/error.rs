@@ -29,7 +29,8 @@ pub enum RobotFileError {
     File(#[from] FileError),
     /// The file's extension says nothing.
     #[error(
-        "{}: its name does not say what it is: name it .toml, .urdf (or .xml), or .yaml for joint origins",
+        "{}: its name does not say what it is: name it .toml, .urdf (or .xml), .yaml for joint origins, or .conf for the \
+         calibration of a controller of Universal Robots",
         printable(path)
     )]
     Extension {

@@ -50,6 +50,11 @@ pub struct MdhChain {
 /// The table of a chain with these axes and this flange frame (root frame,
 /// joints at zero).
 pub fn from_axes(axes: &[Axis], flange: &Pose<f64>) -> MdhChain {
+    from_axes_within(axes, flange, NEAR_PARALLEL_RAD)
+}
+
+/// The same with another angle (rad) below which axes get `beta`; row 1 keeps [`NEAR_PARALLEL_RAD`].
+pub(super) fn from_axes_within(axes: &[Axis], flange: &Pose<f64>, near_rad: f64) -> MdhChain {
     let base = axes.first().map_or_else(Pose::identity, base_frame);
     let mut rows = Vec::with_capacity(axes.len());
     // The last frame with its joint at zero, before its own theta and d are known.
@@ -60,7 +65,7 @@ pub fn from_axes(axes: &[Axis], flange: &Pose<f64>) -> MdhChain {
             from_fixed_frame(&parent, axis)
         } else {
             let turn = pending.as_ref().map_or(parent, |p| p.frame);
-            let (theta, d, link) = next_link(&turn, axis);
+            let (theta, d, link) = next_link(&turn, axis, near_rad);
             if let Some(p) = pending.take() {
                 let row = p.row(theta, d);
                 parent = compose(&parent, &row_transform(&row, 0.0));
@@ -154,12 +159,12 @@ fn from_fixed_frame(parent: &Pose<f64>, axis: &Axis) -> MdhRow<f64> {
 
 /// Turn and shift along the axis of `frame` (its joint), and the row from there
 /// (theta = d = 0) to `axis`.
-fn next_link(frame: &Pose<f64>, axis: &Axis) -> (f64, f64, MdhRow<f64>) {
+fn next_link(frame: &Pose<f64>, axis: &Axis, near_rad: f64) -> (f64, f64, MdhRow<f64>) {
     let local = inverse(frame);
     let z = local.rotation * axis.direction;
     let p = local.point(&axis.point);
     let level = z.x.hypot(z.y);
-    if level <= NEAR_PARALLEL_RAD {
+    if level <= near_rad {
         let pierce = p - z * (p.z / z.z);
         let reach = pierce.x.hypot(pierce.y);
         let theta = if reach > 1e-13 {

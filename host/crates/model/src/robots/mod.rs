@@ -9,7 +9,8 @@
 //!   NAME ─────┐                              ┌─▶ TOML
 //!   FILE.toml ┼─▶ RobotModel ─(calibrated)───┼─▶ URDF (the input, its joint origins corrected)
 //!   FILE.urdf ┤                              ├─▶ kinematics.yaml (the vendor's keys)
-//!   FILE.yaml ┘                              └─▶ offsets.yaml
+//!   FILE.yaml ┤                              └─▶ offsets.yaml
+//!   FILE.conf ┘ (Universal Robots)
 //! ```
 
 mod compare;
@@ -24,6 +25,8 @@ mod path;
 mod standard_dh;
 pub mod toml_file;
 mod toml_text;
+mod ur_conf;
+mod ur_parameters;
 pub mod urdf;
 mod urdf_in;
 mod urdf_out;
@@ -44,7 +47,8 @@ pub use frame_tree::{FrameInParent, FrameTree};
 pub use kinematics_yaml::{write_kinematics_yaml, write_offsets_yaml};
 pub use model::{Origin, RobotModel, Tolerances, moved, near, table_frames};
 pub use path::{JointKind, JointPath, PathFrames, PathJoint, Twist};
-pub use standard_dh::{StandardDh, ur_lengths};
+pub use standard_dh::{DhRow, StandardChain};
+pub use ur_parameters::{UrParameters, ur_lengths};
 pub use urdf_in::load as load_urdf_text;
 pub use urdf_out::{write_urdf, write_urdf_with_tcp};
 
@@ -101,7 +105,8 @@ fn nearest(spec: &str) -> Option<&'static str> {
 }
 
 /// Loads a robot: a built-in name, `FILE.toml`, `FILE.urdf`, `FILE.urdf#TIP` or `FILE.urdf#BASE:TIP` for the chain to
-/// or between these links, or `FILE.yaml` (joint origins as ROS descriptions load them). An SRDF of the same name beside
+/// or between these links, `FILE.yaml` (joint origins as ROS descriptions load them), or `FILE.conf#ROBOT` (a controller's calibration of a built-in
+/// arm of Universal Robots). An SRDF of the same name beside
 /// the URDF says where its arm ends.
 ///
 /// Files are regular files (a link to one is followed) of at most 8 MiB (URDF) or
@@ -140,7 +145,7 @@ pub fn load_path(spec: &str) -> Result<RobotModel, RobotFileError> {
         });
     }
     let (limit, remedy) = match extension.as_str() {
-        "toml" | "yaml" | "yml" => (MOST_TABLE_BYTES, "give the description of one robot"),
+        "toml" | "yaml" | "yml" | "conf" => (MOST_TABLE_BYTES, "give the description of one robot"),
         "urdf" | "xml" | "xacro" => (MOST_URDF_BYTES, "give the URDF of the arm without meshes inside"),
         _ => return Err(RobotFileError::Extension { path: path.to_owned() }),
     };
@@ -148,6 +153,7 @@ pub fn load_path(spec: &str) -> Result<RobotModel, RobotFileError> {
     match extension.as_str() {
         "toml" => toml_file::load(path, &text),
         "yaml" | "yml" => kinematics_yaml::load(path, &text),
+        "conf" => ur_conf::load(path, &text, tip),
         _ => urdf_in::load_path(path, &text, tip, srdf_beside(path)?.as_ref()),
     }
 }

@@ -1,172 +1,146 @@
-//! The Denavit-Hartenberg parameters that a controller of Universal Robots computes with, as a robot.
+//! Standard Denavit-Hartenberg tables, in and out: `T_i = Rz(theta + q) Tz(d) Tx(a) Rx(alpha)`.
 //!
-//! Each joint turns about z by its angle and `theta`, then the frame moves by `d` along z, by `a` along x, and turns by
-//! `alpha` about x. Joints 2, 3 and 4 are near parallel, and the factory calibration may put their frames hundreds of metres
-//! apart along their axes. Here those frames are moved back along their axes, as the maker's tool `ur_calibration` does, so
-//! that a joint origin tells what it seems to tell. The kinematics stay.
-
-use std::f64::consts::FRAC_PI_2;
+//! Their frames stand at the far ends of the links: frame i has the axis of joint i+1 as its z axis. Of two axes that are
+//! nearly parallel the common normal is far away, so `d` may be hundreds of metres: makers write such tables, and they are
+//! exact. The table of a [`RobotModel`] takes Hayati's `beta` there.
 
 use nalgebra::Vector3;
-use spherecal_shared::robot::Pose;
+use spherecal_shared::robot::{MdhRow, Pose};
 
-use super::error::RobotFileError;
-use super::frames::{compose, inverse, rot_x, rot_z, to_rpy};
-use super::model::RobotModel;
-use super::vendor::{self, Form, JointOrigin, UR_KEYS, Z};
-use super::{built_in, urdf_in};
+use super::frames::{compose, inverse, rot_x, rot_z, row_transform};
+use super::mdh::{Axis, MdhChain, from_axes, from_axes_within};
+use super::model::{RobotModel, table_frames};
 
-/// Joints of every arm of Universal Robots.
-const JOINTS: usize = 6;
-/// A joint origin that is farther from a built-in robot's than this (m) belongs to another robot: the lengths of two robots
-/// of the maker differ by more, and a calibration changes them by less.
-const SAME_ROBOT_M: f64 = 0.015;
+/// Axes closer to parallel than this (rad) count as parallel in a standard table: at 1 m that is 1 nm.
+const PARALLEL_RAD: f64 = 1e-9;
 
-/// The parameters of all joints, base to flange.
+/// One row.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct StandardDh {
-    /// Joint offsets, rad.
-    pub theta: [f64; JOINTS],
-    /// Lengths along x, m.
-    pub a: [f64; JOINTS],
-    /// Lengths along z, m.
-    pub d: [f64; JOINTS],
-    /// Twists, rad.
-    pub alpha: [f64; JOINTS],
+pub struct DhRow {
+    /// Angle about z at joint position zero, in rad.
+    pub theta: f64,
+    /// Shift along z, in m.
+    pub d: f64,
+    /// Shift along the new x, in m.
+    pub a: f64,
+    /// Turn about the new x, in rad.
+    pub alpha: f64,
 }
 
-fn along_z(way: f64) -> Vector3<f64> {
-    Vector3::new(0.0, 0.0, way)
-}
-
-/// Where the axis of `frame` crosses the plane z = 0 of `parent`, given there. `None` for an axis along that plane.
-fn crossing(parent: &Pose<f64>, frame: &Pose<f64>) -> Option<Vector3<f64>> {
-    let local = compose(&inverse(parent), frame);
-    let axis = local.z();
-    (axis.z.abs() > 0.5).then(|| local.position - axis * (local.position.z / axis.z))
-}
-
-/// `frame` turned about its z axis so that `point`, given in it, lies on its negative x axis, as in the maker's nominal
-/// robots.
-fn turned(frame: &Pose<f64>, point: &Vector3<f64>) -> Pose<f64> {
-    let angle = (-point.y).atan2(-point.x);
-    Pose {
-        rotation: frame.rotation * rot_z(angle),
-        position: frame.position,
-    }
-}
-
-impl StandardDh {
-    /// The nominal parameters of a robot with these lengths d1, a2, a3, d4, d5, d6 (m).
-    pub fn of_lengths([d1, a2, a3, d4, d5, d6]: [f64; JOINTS]) -> Self {
-        Self {
-            theta: [0.0; JOINTS],
-            a: [0.0, -a2, -a3, 0.0, 0.0, 0.0],
-            d: [d1, 0.0, 0.0, d4, d5, d6],
-            alpha: [FRAC_PI_2, 0.0, 0.0, FRAC_PI_2, -FRAC_PI_2, 0.0],
-        }
-    }
-
-    /// The frames of the joints in the robot's base, all joints at zero, and the flange.
-    fn frames(&self) -> ([Pose<f64>; JOINTS], Pose<f64>) {
-        let mut at = Pose::identity();
-        let frames = std::array::from_fn(|j| {
-            let frame = compose(
-                &at,
-                &Pose {
-                    rotation: rot_z(self.theta[j]),
-                    position: along_z(self.d[j]),
-                },
-            );
-            at = compose(
-                &frame,
-                &Pose {
-                    rotation: rot_x(self.alpha[j]),
-                    position: Vector3::new(self.a[j], 0.0, 0.0),
-                },
-            );
-            frame
-        });
-        (frames, at)
-    }
-
-    /// Joint origins with the frames of the upper arm and the forearm where the maker's nominal robots have them, and the
-    /// flange in the last one.
-    fn origins(&self) -> (Vec<JointOrigin>, Pose<f64>) {
-        let (mut frames, flange) = self.frames();
-        // Back to where the first link ends.
-        frames[1].position -= frames[1].z() * self.d[1];
-        for k in [1, 2] {
-            let Some(point) = crossing(&frames[k], &frames[k + 1]) else {
-                continue;
-            };
-            if k == 1 {
-                frames[2].position = frames[1].point(&point);
-            }
-            frames[k] = turned(&frames[k], &point);
-        }
-        let mut before = Pose::identity();
-        let origins = UR_KEYS.iter().zip(&frames).map(|(key, frame)| {
-            let local = compose(&inverse(&before), frame);
-            before = *frame;
-            JointOrigin {
-                key: (*key).to_owned(),
-                xyz: local.position.into(),
-                rpy: to_rpy(&local.rotation),
-                axis: Z,
-            }
-        });
-        let origins = origins.collect();
-        (origins, compose(&inverse(&frames[JOINTS - 1]), &flange))
-    }
-
-    /// The robot that computes with these parameters. If it is a built-in one, it has the name, the masses and the limits of
-    /// that one; else the name `ur` and no masses.
-    ///
-    /// # Errors
-    /// Parameters that are not those of a robot.
-    pub fn robot(&self) -> Result<RobotModel, RobotFileError> {
-        let (origins, flange) = self.origins();
-        let known = nearest(&origins);
-        let name = known.unwrap_or("ur");
-        let tip = JointOrigin {
-            key: "tool0".to_owned(),
-            xyz: flange.position.into(),
-            rpy: to_rpy(&flange.rotation),
-            axis: Z,
+impl DhRow {
+    /// Frame i in frame i-1 at joint position `q` (rad).
+    pub fn transform(&self, q: f64) -> Pose<f64> {
+        let turn = Pose {
+            rotation: rot_z(self.theta + q),
+            position: Vector3::z() * self.d,
         };
-        let tip = (tip.xyz != [0.0; 3] || tip.rpy != [0.0; 3]).then_some(&tip);
-        let text = vendor::urdf_text(Form::UniversalRobots, name, &origins, tip);
-        let mut model = urdf_in::load(name, &text, None)?;
-        if let Some(known) = known.and_then(built_in) {
-            for (own, source) in model.robot.joints.iter_mut().zip(&known.robot.joints) {
-                (own.link, own.limits) = (source.link, source.limits);
-            }
-        }
-        Ok(model)
+        let link = Pose {
+            rotation: rot_x(self.alpha),
+            position: Vector3::x() * self.a,
+        };
+        compose(&turn, &link)
     }
 }
 
-/// The lengths d1, a2, a3, d4, d5, d6 (m) of a built-in robot of Universal Robots, by its name.
-pub fn ur_lengths(name: &str) -> Option<[f64; JOINTS]> {
-    vendor::UR_ROBOTS
-        .iter()
-        .find(|(known, _)| *known == name)
-        .map(|(_, lengths)| *lengths)
+/// A chain as a standard table between two constant frames.
+#[derive(Clone, Debug)]
+pub struct StandardChain {
+    /// Frame 0 in the root frame: its z axis is that of joint 1.
+    pub base: Pose<f64>,
+    /// One row for each joint.
+    pub rows: Vec<DhRow>,
+    /// The flange in frame n.
+    pub flange: Pose<f64>,
 }
 
-/// The built-in robot of the maker whose joint origins are all within 15 mm of these.
-fn nearest(origins: &[JointOrigin]) -> Option<&'static str> {
-    let off = |known: &[JointOrigin]| {
-        let pairs = known.iter().zip(origins);
-        pairs.fold(0.0_f64, |most, (a, b)| {
-            most.max((Vector3::from(a.xyz) - Vector3::from(b.xyz)).norm())
-        })
+impl StandardChain {
+    /// The frames 1 to n at joint positions zero, in the root frame.
+    pub fn frames(&self) -> Vec<Pose<f64>> {
+        let next = |at: &mut Pose<f64>, row: &DhRow| {
+            *at = compose(at, &row.transform(0.0));
+            Some(*at)
+        };
+        self.rows.iter().scan(self.base, next).collect()
+    }
+
+    /// The same chain as a modified table.
+    pub fn modified(&self) -> MdhChain {
+        let frames = self.frames();
+        let before = std::iter::once(&self.base).chain(&frames);
+        let axes: Vec<Axis> = before
+            .take(self.rows.len())
+            .map(|frame| Axis {
+                point: frame.position,
+                direction: frame.z(),
+            })
+            .collect();
+        let last = frames.last().copied().unwrap_or(self.base);
+        from_axes(&axes, &compose(&last, &self.flange))
+    }
+}
+
+impl RobotModel {
+    /// The frames F1 to Fn of the table at joint positions zero, in the root frame.
+    pub(super) fn frames_at_zero(&self) -> Vec<Pose<f64>> {
+        let rows = self.rows();
+        let frames = table_frames(&rows, &vec![0.0; rows.len()]);
+        frames.iter().map(|frame| compose(&self.base, frame)).collect()
+    }
+
+    /// The robot as a standard table.
+    pub fn standard(&self) -> StandardChain {
+        let frames = self.frames_at_zero();
+        let axis = |frame: &Pose<f64>| Axis {
+            point: frame.position,
+            direction: frame.z(),
+        };
+        let axes: Vec<Axis> = frames.iter().map(axis).collect();
+        let last = frames.last().copied().unwrap_or(self.base);
+        let chain = from_axes_within(&axes, &compose(&last, &self.flange), PARALLEL_RAD);
+        // A row of a modified table is the link before its joint, one of a standard table the link behind it.
+        let link = |row: &MdhRow<f64>| MdhRow {
+            theta: 0.0,
+            d: 0.0,
+            ..*row
+        };
+        let first = chain
+            .rows
+            .first()
+            .map_or_else(Pose::identity, |row| row_transform(&link(row), 0.0));
+        let behind = chain.rows.iter().skip(1).map(|next| (next.a, next.alpha));
+        // What the last joint carries begins with a link where it can: the rest is the flange.
+        let (a, alpha, rest) = last_link(&chain.flange);
+        let rows = chain.rows.iter().zip(behind.chain([(a, alpha)]));
+        StandardChain {
+            base: compose(&chain.base, &first),
+            rows: rows
+                .map(|(row, (a, alpha))| DhRow {
+                    theta: row.theta,
+                    d: row.d,
+                    a,
+                    alpha,
+                })
+                .collect(),
+            flange: rest,
+        }
+    }
+}
+
+/// A flange as `Tx(a) Rx(alpha)` and the rest: the whole where it is nothing else, none of it otherwise.
+fn last_link(flange: &Pose<f64>) -> (f64, f64, Pose<f64>) {
+    let (a, alpha) = (
+        flange.position.x,
+        flange.rotation[(2, 1)].atan2(flange.rotation[(2, 2)]),
+    );
+    let link = DhRow {
+        a,
+        alpha,
+        ..DhRow::default()
     };
-    vendor::UR_ROBOTS
-        .iter()
-        .map(|(name, lengths)| (*name, off(&vendor::ur(*lengths))))
-        .filter(|(_, off)| *off < SAME_ROBOT_M)
-        .min_by(|a, b| a.1.total_cmp(&b.1))
-        .map(|(name, _)| name)
+    let rest = compose(&inverse(&link.transform(0.0)), flange);
+    if super::frames::distance(&rest, &Pose::identity()) < 1e-12 {
+        (a, alpha, Pose::identity())
+    } else {
+        (0.0, 0.0, *flange)
+    }
 }

@@ -1,10 +1,12 @@
 //! What must hold of every robot file: the table's forward kinematics are the
 //! file's own, whatever its axes.
 #![allow(clippy::approx_constant)] // URDF files write 1.5708.
+mod oddities;
 mod origins;
 mod refused;
-mod standard_dh;
+mod standard;
 mod tips;
+mod ur_parameters;
 
 use proptest::prelude::*;
 use spherecal_shared::robot::Pose;

@@ -3,16 +3,17 @@
 //!
 //! Numbers may be given in SI or, with the suffix, in mm and degrees:
 //! `a = 0.4` or `a_mm = 400`, `alpha = 1.5708` or `alpha_deg = 90`. What is
-//! written by this program is SI and reads back to the same bits.
+//! written by this program is SI and reads back to the same bits. A table is modified (`mdh`) or standard (`dh`).
 
 use serde::Deserialize;
 use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::robot::{Inertia, Joint, JointLimits, MdhRow, Pose, Robot, Tool};
 
 use super::error::RobotFileError;
-use super::frames::from_rpy;
-use super::model::{Origin, RobotModel, Tolerances};
-pub use super::toml_text::write;
+use super::frames::{compose, from_rpy, inverse};
+use super::model::{Origin, RobotModel, Tolerances, moved, table_frames};
+use super::standard_dh::{DhRow, StandardChain};
+pub use super::toml_text::{write, write_standard};
 use crate::read_toml;
 
 #[derive(Deserialize)]
@@ -36,7 +37,10 @@ struct JointTable {
     /// Name of the joint in the robot's description; columns of data may be named by it.
     #[serde(default)]
     name: String,
-    mdh: MdhTable,
+    /// A row of a modified table,
+    mdh: Option<MdhTable>,
+    /// or of a standard one.
+    dh: Option<MdhTable>,
     link: Option<BodyTable>,
     limits: Option<LimitsTable>,
     #[serde(default)]
@@ -140,9 +144,20 @@ impl From<BodyTable> for Inertia {
     }
 }
 
-fn joint(path: &str, number: usize, table: JointTable) -> Result<Joint, RobotFileError> {
+fn joint(path: &str, number: usize, standard: bool, table: JointTable) -> Result<Joint, RobotFileError> {
     let field = |name: &str| format!("joint {number}: {name}");
-    let m = table.mdh;
+    let m = match (table.mdh, table.dh) {
+        (Some(mdh), None) if !standard => mdh,
+        (None, Some(dh)) if standard && dh.beta.is_none() && dh.beta_deg.is_none() => dh,
+        (_, dh) => {
+            return Err(RobotFileError::Value {
+                path: path.to_owned(),
+                field: field(if dh.is_some() { "dh" } else { "mdh" }),
+                value: "not of one convention".to_owned(),
+                remedy: "give each joint mdh = {..} (modified), or each dh = {..} (standard, without beta)".to_owned(),
+            });
+        }
+    };
     let read = |name: &str, si, scaled, scale: fn(f64) -> f64| either(path, &field(name), si, scaled, scale);
     let mdh = MdhRow {
         alpha: read("alpha", m.alpha, m.alpha_deg, f64::to_radians)?.unwrap_or(0.0),
@@ -239,6 +254,30 @@ fn check_names(path: &str, names: &[String]) -> Result<(), RobotFileError> {
     Ok(())
 }
 
+/// Turns the rows of a standard table, read as those of a modified one, into these, and the links into their frames; returns base
+/// and flange.
+fn modified(robot: &mut Robot, base: Pose<f64>, flange: Pose<f64>) -> (Pose<f64>, Pose<f64>) {
+    let row = |joint: &Joint| DhRow {
+        theta: joint.mdh.theta,
+        d: joint.mdh.d,
+        a: joint.mdh.a,
+        alpha: joint.mdh.alpha,
+    };
+    let chain = StandardChain {
+        base,
+        rows: robot.joints.iter().map(row).collect(),
+        flange,
+    };
+    let table = chain.modified();
+    let own = table_frames(&table.rows, &vec![0.0; table.rows.len()]);
+    let frames = chain.frames();
+    for (((joint, row), own), far) in robot.joints.iter_mut().zip(&table.rows).zip(&own).zip(&frames) {
+        joint.mdh = *row;
+        joint.link = moved(&joint.link, &compose(&inverse(&compose(&table.base, own)), far));
+    }
+    (table.base, table.flange)
+}
+
 /// Reads a robot from TOML text; `path` is for messages.
 ///
 /// # Errors
@@ -270,8 +309,9 @@ pub fn load(path: &str, text: &str) -> Result<RobotModel, RobotFileError> {
     if joint_names.iter().all(String::is_empty) {
         joint_names.clear();
     }
+    let standard = file.joint.first().is_some_and(|joint| joint.dh.is_some());
     for (k, table) in file.joint.into_iter().enumerate() {
-        if robot.joints.push(joint(path, k + 1, table)?).is_err() {
+        if robot.joints.push(joint(path, k + 1, standard, table)?).is_err() {
             return Err(RobotFileError::Value {
                 path: path.to_owned(),
                 field: "[[joint]]".to_owned(),
@@ -280,7 +320,10 @@ pub fn load(path: &str, text: &str) -> Result<RobotModel, RobotFileError> {
             });
         }
     }
-    robot.check().map_err(refused)?;
+    // The rows of a standard table may be as long as they like.
+    if !standard {
+        robot.check().map_err(refused)?;
+    }
     let tool = file.tool.unwrap_or_default();
     let tcp_m = match (tool.tcp_m, tool.tcp_mm) {
         (Some(m), None) => m,
@@ -300,8 +343,12 @@ pub fn load(path: &str, text: &str) -> Result<RobotModel, RobotFileError> {
         body: tool.body.unwrap_or_default().into(),
     };
     tool.check().map_err(refused)?;
-    let (root, base) = frame(path, "base", "base", file.base)?;
-    let (tip, flange) = frame(path, "flange", "flange", file.flange)?;
+    let (root, mut base) = frame(path, "base", "base", file.base)?;
+    let (tip, mut flange) = frame(path, "flange", "flange", file.flange)?;
+    if standard {
+        (base, flange) = modified(&mut robot, base, flange);
+        robot.check().map_err(refused)?;
+    }
     let tolerances = tolerances(path, &file.tolerances)?;
     // A calibrated file carries its history; it changes no number here.
     drop(file.calibration);

@@ -89,14 +89,17 @@ fn number(path: &str, field: impl Fn() -> String, text: &str) -> Result<f64, Rob
 
 /// Three finite numbers separated by spaces, each at most `largest` either way.
 fn triple(path: &str, field: impl Fn() -> String, text: &str, largest: f64) -> Result<[f64; 3], RobotFileError> {
+    let spaces = "write three numbers separated by spaces";
+    if text.contains([',', ';']) {
+        return Err(value_error(path, field(), text, spaces));
+    }
     let mut out = [0.0; 3];
     let mut words = text.split_whitespace();
     for slot in &mut out {
         *slot = if let Some(word) = words.next() {
             number(path, &field, word)?
         } else {
-            let remedy = "write three numbers separated by spaces";
-            return Err(value_error(path, field(), text, remedy));
+            return Err(value_error(path, field(), text, spaces));
         };
         if slot.abs() > largest {
             let remedy = format!("write numbers of at most {largest}: lengths are in m, angles in rad");
@@ -104,12 +107,7 @@ fn triple(path: &str, field: impl Fn() -> String, text: &str, largest: f64) -> R
         }
     }
     if words.next().is_some() {
-        return Err(value_error(
-            path,
-            field(),
-            text,
-            "write three numbers separated by spaces",
-        ));
+        return Err(value_error(path, field(), text, spaces));
     }
     Ok(out)
 }

@@ -30,7 +30,7 @@ pub(super) fn tree(joints: &str) -> String {
 }
 
 /// Joints `name1..` in a row from `from`, with links `link1..`.
-fn row(prefix: &str, from: &str, count: usize) -> String {
+pub(super) fn row(prefix: &str, from: &str, count: usize) -> String {
     let mut parent = from.to_owned();
     let mut out = String::new();
     for k in 1..=count {

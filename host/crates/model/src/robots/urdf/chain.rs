@@ -6,7 +6,7 @@ use spherecal_shared::robot::Pose;
 
 use super::srdf::Srdf;
 use super::tip::{Arms, listed};
-use super::{JointMotion, Urdf, value_error};
+use super::{JointMotion, Urdf, UrdfJoint, value_error};
 use crate::robots::error::RobotFileError;
 use crate::robots::frames::compose;
 
@@ -64,30 +64,36 @@ impl Urdf {
             }
         }
         let (tip, why) = if tip.is_empty() {
+            // Without a joint that moves, one whose type has a slip of the pen is the reason.
+            let odd = self
+                .joints
+                .iter()
+                .find(|j| j.motion == JointMotion::Other && !j.is_base());
+            if let Some(joint) = odd.filter(|_| !self.joints.iter().any(UrdfJoint::is_driven)) {
+                return Err(self.odd_type(joint));
+            }
             Arms::new(self, base, &order).tip(srdf)?
         } else {
             (tip.to_owned(), "it was asked for".to_owned())
         };
         let mut path = self.path_to(&tip, &into)?;
-        if !base.is_empty() {
+        if base.is_empty() {
+            // A floating or planar base: the arm begins on the body that it carries.
+            let of_base = |&i: &usize| self.joints[i].motion == JointMotion::Fixed || self.joints[i].is_base();
+            let before = path.iter().take_while(|i| of_base(i)).count();
+            if let Some(last) = path.iter().take(before).rposition(|&i| self.joints[i].is_base()) {
+                path.drain(..=last);
+            }
+        } else {
             let from = path.iter().position(|&i| self.joints[i].parent == base);
             let from = from.filter(|_| base != tip).ok_or_else(|| {
                 let remedy = format!("is not on the way to {tip}: name a link between the root and the tip");
                 value_error(&self.path, "base link".to_owned(), base, &remedy)
             })?;
             path.drain(..from);
-        } else if let Some(last) = path.iter().rposition(|&i| self.joints[i].motion == JointMotion::Other) {
-            // A floating or planar base: the arm begins on the body that it carries.
-            path.drain(..=last);
         }
         if let Some(&i) = path.iter().find(|&&i| self.joints[i].motion == JointMotion::Other) {
-            let joint = &self.joints[i];
-            return Err(value_error(
-                &self.path,
-                format!("joint \"{}\": type", joint.name),
-                &joint.kind,
-                &format!("name a base behind it as {}#BASE:TIP", self.path),
-            ));
+            return Err(self.odd_type(&self.joints[i]));
         }
         let root = path
             .first()
@@ -100,6 +106,17 @@ impl Urdf {
             path,
             beyond,
         })
+    }
+
+    /// The refusal of a joint on the way that neither turns nor slides nor is fixed.
+    fn odd_type(&self, joint: &UrdfJoint) -> RobotFileError {
+        let remedy = if joint.is_base() {
+            format!("name a base behind it as {}#BASE:TIP", self.path)
+        } else {
+            "write revolute, continuous, prismatic, fixed, floating or planar".to_owned()
+        };
+        let field = format!("joint \"{}\": type", joint.name);
+        value_error(&self.path, field, &joint.kind, &remedy)
     }
 
     /// The joints in an order in which each stands behind the one that carries it; joints of a loop are left out.

@@ -18,7 +18,7 @@ pub enum JointMotion {
     Slides,
     /// Never moves.
     Fixed,
-    /// Moves in a way that this program cannot calibrate (`planar`, `floating`).
+    /// Moves in a way that this program cannot calibrate (`planar`, `floating`), or is of a type that URDF does not have.
     Other,
 }
 
@@ -84,6 +84,11 @@ impl UrdfJoint {
         self.motion == JointMotion::Fixed
             && self.child.ends_with("_tcp")
             && self.name == Self::name_of_tcp(&self.parent, &self.child)
+    }
+
+    /// Whether it is the joint of a base that drives or floats.
+    pub(super) fn is_base(&self) -> bool {
+        matches!(self.kind.as_str(), "floating" | "planar")
     }
 
     /// Whether it moves by a position of its own.

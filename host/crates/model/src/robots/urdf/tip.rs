@@ -116,7 +116,8 @@ struct Branch {
 /// The tree below a base.
 pub(super) struct Arms<'u> {
     urdf: &'u Urdf,
-    base: String,
+    /// The link that was asked for, or every root with a joint that moves behind it.
+    bases: Vec<&'u str>,
     /// Joints by parent link.
     out: HashMap<&'u str, Vec<usize>>,
     branches: Vec<Branch>,
@@ -152,14 +153,21 @@ impl<'u> Arms<'u> {
                 depth: usize::from(joint.is_driven()) + most.unwrap_or(0),
             };
         }
-        let first = order.first().map(|&i| urdf.joints[i].parent.clone());
+        let mut bases: Vec<&str> = Vec::new();
+        if base.is_empty() {
+            let child = |link: &str| urdf.joints.iter().any(|joint| joint.child == link);
+            for &i in order {
+                let (link, branch) = (urdf.joints[i].parent.as_str(), branches[i]);
+                if (branch.depth > 0 || branch.moves) && !bases.contains(&link) && !child(link) {
+                    bases.push(link);
+                }
+            }
+        } else {
+            bases.extend(urdf.links.iter().map(String::as_str).find(|link| *link == base));
+        }
         Self {
             urdf,
-            base: if base.is_empty() {
-                first.unwrap_or_default()
-            } else {
-                base.to_owned()
-            },
+            bases,
             out,
             branches,
         }
@@ -253,7 +261,7 @@ impl<'u> Arms<'u> {
     fn reaches(&self, link: &str) -> bool {
         let mut at = link;
         for _ in 0..=self.urdf.joints.len() {
-            if at == self.base {
+            if self.bases.contains(&at) {
                 return true;
             }
             match self.urdf.joints.iter().find(|j| j.child == at) {
@@ -304,10 +312,9 @@ impl<'u> Arms<'u> {
             }
         }
         let mut ends = Vec::new();
-        let Some(base) = self.urdf.links.iter().find(|l| **l == self.base) else {
-            return Err(self.ask(&[]));
-        };
-        self.ends(base, 0, &mut ends);
+        for base in &self.bases {
+            self.ends(base, 0, &mut ends);
+        }
         ends.retain(|end| end.1 > 0);
         if let [(link, _)] = ends.as_slice() {
             // The wrist and the jaw, where names do not tell them apart.

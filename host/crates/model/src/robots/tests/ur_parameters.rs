@@ -119,9 +119,9 @@ const CORRECTIONS: [[[f64; 6]; 4]; 3] = [
     ],
 ];
 
-fn corrected(nominal: StandardDh, [theta, a, d, alpha]: &[[f64; 6]; 4]) -> StandardDh {
+fn corrected(nominal: UrParameters, [theta, a, d, alpha]: &[[f64; 6]; 4]) -> UrParameters {
     let plus = |x: [f64; 6], y: &[f64; 6]| std::array::from_fn(|j| x[j] + y[j]);
-    StandardDh {
+    UrParameters {
         theta: plus(nominal.theta, theta),
         a: plus(nominal.a, a),
         d: plus(nominal.d, d),
@@ -130,7 +130,7 @@ fn corrected(nominal: StandardDh, [theta, a, d, alpha]: &[[f64; 6]; 4]) -> Stand
 }
 
 /// The flange in the robot's base by the definition of the parameters, joint by joint.
-fn by_definition(dh: &StandardDh, q: &[f64]) -> Pose<f64> {
+fn by_definition(dh: &UrParameters, q: &[f64]) -> Pose<f64> {
     let step = |rotation, position| Pose { rotation, position };
     let mut at = Pose::identity();
     for j in 0..6 {
@@ -153,7 +153,7 @@ fn a_calibrated_robot_moves_as_its_parameters_say() {
         position: Vector3::zeros(),
     };
     for correction in &CORRECTIONS {
-        let dh = corrected(StandardDh::of_lengths(UR10), correction);
+        let dh = corrected(UrParameters::of_lengths(UR10), correction);
         let model = dh.robot().expect("a robot");
         assert_eq!(model.robot.name.as_str(), "ur", "a UR10 is not built in");
         for k in 1..200 {
@@ -196,7 +196,7 @@ fn a_calibrated_robot_moves_as_its_parameters_say() {
 fn built_in_robots_are_recognised() {
     for (name, lengths) in UR_ROBOTS {
         let known = built_in(name).expect("built in");
-        let exact = StandardDh::of_lengths(lengths).robot().expect("a robot");
+        let exact = UrParameters::of_lengths(lengths).robot().expect("a robot");
         let difference = compare(&known, &exact).expect("six joints");
         assert!(difference.max_m < 1e-12, "{name}: {difference:?}");
         let small = |x: &[f64; 3]| x.iter().all(|x| x.abs() < 1e-9);
@@ -207,7 +207,7 @@ fn built_in_robots_are_recognised() {
                 .all(|link| small(&link.shift_m) && small(&link.turn_rad)),
             "{difference:?}"
         );
-        let one = corrected(StandardDh::of_lengths(lengths), &CORRECTIONS[0])
+        let one = corrected(UrParameters::of_lengths(lengths), &CORRECTIONS[0])
             .robot()
             .expect("a robot");
         for model in [exact, one] {
