@@ -11,6 +11,7 @@ use super::groups::{Derived, groups, without_only_contacts};
 use super::thin::thinned;
 use super::{EvaluateError, EvaluateOptions, geometry_of};
 use crate::flange::Flange;
+use crate::hierarchy::constants::POSTURES;
 use crate::judge::{Fold, HeldOut, Judged, Predictor, judge};
 use crate::judge_targets::{BodyOrientation, ToolPredictor};
 use crate::recordings::Judge;
@@ -115,7 +116,14 @@ fn folds(
             let rest: Vec<usize> = train.iter().copied().filter(|i| !held.contains(i)).collect();
             let rest = thinned(&recordings.experiment, &rest, FOLD_ROWS);
             let fit = fit(&recordings.experiment, asked, options, &rest, None)?;
-            let geometry = geometry_of(recordings, &fit, None)?;
+            // Where the file of all rows would be the best.
+            let of_rows = || {
+                let every = rest.len().div_ceil(POSTURES).max(1);
+                let row = |i: &usize| recordings.experiment.observations[*i].q.clone();
+                rest.iter().step_by(every).map(row).collect()
+            };
+            let postures: Vec<Vec<f64>> = asked.work.clone().unwrap_or_else(of_rows);
+            let geometry = geometry_of(recordings, &fit, &postures, None)?;
             let judges: Vec<Judge<'_>> = out.iter().map(|&i| recordings.judge(i, i)).collect();
             Ok(Fold {
                 value: value.clone(),

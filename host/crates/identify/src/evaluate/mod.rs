@@ -85,7 +85,11 @@ pub fn evaluate(
         plausible(recordings, &fit)?;
     }
     let statement = statement_of(recordings, options, &fit);
-    let geometry = geometry_of(recordings, &fit, statement.as_ref())?;
+    let postures = match &statement {
+        Some(statement) => statement.work_postures(),
+        None => &crate::halton_configurations(&recordings.experiment.robot, POSTURES),
+    };
+    let geometry = geometry_of(recordings, &fit, postures, statement.as_ref())?;
     let mut notes = Vec::new();
     note_rejected(recordings, &fit, &mut notes);
     if let Some((copy, first)) = repeated.first() {
@@ -212,6 +216,7 @@ fn statement_of(recordings: &Recordings, options: &EvaluateOptions, fit: &Chosen
 fn geometry_of(
     recordings: &Recordings,
     fit: &ChosenFit,
+    postures: &[Vec<f64>],
     statement: Option<&Statement>,
 ) -> Result<GeometryOnly, EvaluateError> {
     let mut nominal = recordings.experiment.clone();
@@ -219,13 +224,6 @@ fn geometry_of(
     if fit.found_tool {
         nominal.tool.tcp_m = fit.nominal.tcp_m.into();
     }
-    let whole;
-    let postures = if let Some(statement) = statement {
-        statement.work_postures()
-    } else {
-        whole = crate::halton_configurations(&nominal.robot, POSTURES);
-        &whole
-    };
     Ok(GeometryOnly::of(&fit.calibration, &nominal, postures, statement)?)
 }
 
