@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use spherecal_model::robots::{self, RobotModel};
-use spherecal_model::{read_text, read_toml, write_file};
+use spherecal_model::{WorkBox, read_text, read_toml, write_file};
 
 use super::args::{BadValue, StoredArgs};
 use super::bag::{BagArgs, BagTables, POSES};
@@ -86,6 +86,10 @@ pub struct IdentifyArgs {
     /// Mean error of the TCP over the work region that is asked for, in mm: a worse result is refused.
     #[arg(long, value_name = "MM", requires = "data", value_parser = accuracy)]
     pub accuracy_mm: Option<f64>,
+    /// Box in the robot's base frame, in mm, in which the robot is to work: expected error, verdict and files are for it.
+    /// Without it, they are for where the rows are.
+    #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1", requires = "data", allow_hyphen_values = true, value_parser = work_box)]
+    pub work_mm: Option<WorkBox>,
     /// Columns with the joint angles, base to flange, instead of q1..qn (rad; degrees if the name
     /// ends in _deg). In a bag: names of the joints.
     #[arg(long, value_name = "A,B,C", value_delimiter = ',')]
@@ -140,6 +144,10 @@ fn accuracy(text: &str) -> Result<f64, BadValue> {
     }
 }
 
+fn work_box(text: &str) -> Result<WorkBox, BadValue> {
+    WorkBox::parse(text).map_err(BadValue)
+}
+
 /// The request that the arguments describe.
 ///
 /// # Errors
@@ -180,6 +188,7 @@ fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<StudyRequest
         validate: args.validate.clone(),
         holdout: args.holdout.clone(),
         accuracy_mm: args.accuracy_mm,
+        work: args.work_mm,
         joint_columns: args.joint_columns.clone(),
         ignore_columns: args.ignore_columns.clone(),
         options,

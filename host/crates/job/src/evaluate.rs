@@ -6,7 +6,7 @@ use spherecal_shared::protocol::host::{Contact, Coupled, FaultReport, Recording}
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::link_record::LinkRecord;
-use super::{Config, JobError, Link, Simulator};
+use super::{Config, ConfigError, JobError, Link, Simulator};
 use spherecal_identify::arcs::{Measured, MeasuredArc};
 use spherecal_identify::causes::Course;
 use spherecal_identify::{
@@ -14,6 +14,7 @@ use spherecal_identify::{
     Target, TrackerRecordings,
 };
 use spherecal_model::LaserShot;
+use spherecal_model::chain::Chain;
 use spherecal_plan::Plan;
 
 /// Everything that a run measured.
@@ -143,6 +144,12 @@ impl Measurements {
 /// # Errors
 /// Data that cannot be identified or judged.
 pub fn evaluate(m: &Measurements, simulator: &dyn Simulator) -> Result<Evaluation, JobError> {
+    let work = match &m.config.cell.work {
+        Some(work) => work
+            .configurations(&Chain::unchecked(&m.robot, &m.tool))
+            .map_err(ConfigError::from)?,
+        None => spherecal_identify::workspace(&m.robot, &m.tool),
+    };
     let options = EvaluateOptions {
         identify: Options {
             seed: m.seed,
@@ -150,7 +157,7 @@ pub fn evaluate(m: &Measurements, simulator: &dyn Simulator) -> Result<Evaluatio
         },
         // The campaign knows its frames and tool.
         align: false,
-        work: Some(spherecal_identify::workspace(&m.robot, &m.tool)),
+        work: Some(work),
         models: vec![
             Estimator::Laser,
             Estimator::LaserFull,

@@ -7,7 +7,7 @@ use spherecal_shared::robot::Tool;
 
 use super::prepared::{PreparedRun, Simulator};
 use super::waypoints::TaughtWaypoints;
-use super::{Choice, Config, JobError};
+use super::{Choice, Config, ConfigError, JobError};
 use spherecal_model::chain::Chain;
 use spherecal_model::robots::{self, RobotModel};
 use spherecal_model::{NominalCell, Placement};
@@ -111,6 +111,10 @@ fn known(config: &Config) -> Result<Known, JobError> {
         return Err(JobError::Motors { found, joints });
     }
     let tool = model.tool_in_table();
+    if let Some(work) = &config.cell.work {
+        work.configurations(&Chain::new(&model.robot, &tool)?)
+            .map_err(ConfigError::from)?;
+    }
     let mut cell = plan::Cell {
         robot: model.robot.clone(),
         tool,

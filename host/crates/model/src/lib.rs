@@ -37,4 +37,4 @@ pub use printable::{excerpt, printable, printable_lines};
 pub use shot::{LaserShot, TrackerSession};
 pub use spherecal_shared::robot::Pose;
 pub use toml_words::{TomlError, read_toml};
-pub use workspace::workspace;
+pub use workspace::{WorkBox, workspace};

@@ -11,6 +11,7 @@ use super::sources::{Sources, TableSource, plate};
 use super::torques::understand_torques;
 use crate::recordings::{Recordings, RowSource, ValidationRows};
 use crate::{Experiment, Observation, Options, Set, Target};
+use spherecal_model::WorkBox;
 use spherecal_model::input::{InputError, Labels, ReadingProgress, Table, TableFormat, TableRow};
 use spherecal_model::robots::{self, RobotModel};
 
@@ -39,6 +40,8 @@ pub struct StudyRequest {
     pub ignore_columns: Vec<String>,
     /// Mean error of the TCP that is asked for, in mm: a worse result is refused.
     pub accuracy_mm: Option<f64>,
+    /// Where the robot is to work; where the rows are without it.
+    pub work: Option<WorkBox>,
     /// How to identify.
     pub options: Options,
 }

@@ -20,12 +20,13 @@ pub use sources::{PAPER_PLATE, Sources, TableSource};
 
 use std::time::Instant;
 
-use spherecal_model::DataError;
+use spherecal_model::chain::Chain;
 use spherecal_model::input::{InputError, ReadingProgress};
 use spherecal_model::robots::{RobotFileError, RobotModel};
+use spherecal_model::{DataError, WorkBox};
 
 use crate::evaluate::{self, EvaluateError, EvaluateOptions, Evaluation, evaluate, millimetres};
-use crate::{IdentifyError, Recordings};
+use crate::{IdentifyError, Recordings, WORKSPACE};
 
 /// Why a calibration from files could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -135,6 +136,21 @@ pub fn study_of(
     evaluate_loaded(request, loaded, start, progress)
 }
 
+/// The postures of a work region that was asked for, in rad.
+fn postures_of(work: &WorkBox, recordings: &Recordings) -> Result<Vec<Vec<f64>>, InputError> {
+    let chain = Chain::unchecked(&recordings.experiment.robot, &recordings.experiment.tool);
+    work.configurations(&chain, WORKSPACE)
+        .map_err(|remedy| InputError::Field {
+            file: "command line".to_owned(),
+            field: "--work-mm".to_owned(),
+            value: work
+                .0
+                .map(|side| format!("{:.0}:{:.0}", side[0] * 1e3, side[1] * 1e3))
+                .join(","),
+            remedy: remedy.to_owned(),
+        })
+}
+
 fn evaluate_loaded(
     request: &StudyRequest,
     loaded: Loaded,
@@ -151,6 +167,7 @@ fn evaluate_loaded(
     let options = EvaluateOptions {
         identify,
         accuracy_mm: request.accuracy_mm,
+        work: request.work.map(|work| postures_of(&work, &recordings)).transpose()?,
         ..EvaluateOptions::default()
     };
     let evaluation = evaluate(&recordings, &options, &mut |step| progress(StudyStep::Evaluating(step)))

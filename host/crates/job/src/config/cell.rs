@@ -3,8 +3,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use spherecal_model::chain::Chain;
 use spherecal_model::robots::RobotModel;
-use spherecal_model::{CalibrationPlate, CellError, NominalCell, Placement};
+use spherecal_model::{CalibrationPlate, CellError, NominalCell, Placement, WorkBox};
 use spherecal_shared::protocol::drive::{MOST_LATENCY_US, MOST_MOTOR_KG_M2};
 use spherecal_shared::robot::Inertia;
 
@@ -29,6 +30,37 @@ pub struct CellSection {
     /// What a robot does not say of itself over its own interface (`franka:`, `fri:`), and how the program waits for it.
     #[serde(skip_serializing_if = "DriveSection::is_default")]
     pub drive: DriveSection,
+    /// Where the arm is to work. Expected error, verdict and files are for it. Default: the space in front of the arm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub work: Option<WorkSection>,
+}
+
+/// A box in the robot's base frame in which the arm is to work.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct WorkSection {
+    /// Least and greatest x, in mm.
+    pub x_mm: [f64; 2],
+    /// Least and greatest y, in mm.
+    pub y_mm: [f64; 2],
+    /// Least and greatest z, in mm.
+    pub z_mm: [f64; 2],
+}
+
+impl WorkSection {
+    /// Configurations of an arm with the TCP in the box, in rad.
+    ///
+    /// # Errors
+    /// Impossible ranges, or a box that the arm hardly reaches.
+    pub fn configurations(&self, chain: &Chain) -> Result<Vec<Vec<f64>>, CellError> {
+        let found = WorkBox::from_mm([self.x_mm, self.y_mm, self.z_mm])
+            .and_then(|work| work.configurations(chain, spherecal_identify::WORKSPACE));
+        found.map_err(|remedy| CellError {
+            field: "work.x_mm",
+            value: self.x_mm[0],
+            remedy,
+        })
+    }
 }
 
 impl Default for CellSection {
@@ -40,6 +72,7 @@ impl Default for CellSection {
             placements,
             waypoints: Vec::new(),
             drive: DriveSection::default(),
+            work: None,
         }
     }
 }
@@ -207,6 +240,21 @@ mod tests {
         assert!(refusal("mass_kg = -0.1").starts_with("cell.tool.mass_kg is -0.1"));
         assert!(refusal("com_mm = [0, 0, 40]").contains("give tool.mass_kg"));
         assert!(refusal("mass_kg = 1\ncom_mm = [0, 0, 40e3]").starts_with("cell.tool.com_mm is 40000"));
+    }
+
+    // Fails if a work region is lost, or if one that the arm does not reach is taken.
+    #[test]
+    fn a_work_region_is_within_reach() {
+        let (robot, tool) = (spherecal_shared::robot::iiwa7(), spherecal_shared::robot::iiwa7_tool());
+        let chain = Chain::new(&robot, &tool).expect("a chain");
+        let of = |x: &str| {
+            let text = format!("work = {{ x_mm = {x}, y_mm = [-200, 200], z_mm = [200, 600] }}");
+            let cell = toml::from_str::<CellSection>(&text).expect("parses");
+            cell.work.expect("given").configurations(&chain)
+        };
+        assert!(of("[300, 700]").is_ok_and(|found| found.len() > 100));
+        let refused = of("[3000, 4000]").expect_err("out of reach").to_string();
+        assert!(refused.starts_with("cell.work.x_mm is 3000"), "{refused}");
     }
 
     // Fails if a loop may poll past the state that it waits for, or settings that were not made fill the file.
