@@ -4,7 +4,7 @@
 use embassy_time::Instant;
 use nalgebra::{SVector, Vector3};
 use spherecal_shared::protocol::drive::{DriveHello, TorqueSign};
-use spherecal_shared::protocol::host::{Event, Fault, Phase};
+use spherecal_shared::protocol::host::{Command, Event, Fault, Phase};
 use spherecal_shared::robot::{Arm, Dynamics, iiwa7, iiwa7_tool};
 
 use crate::Controller;
@@ -304,7 +304,7 @@ fn the_times_to_settle_are_those_of_the_procedure() {
         bench.hold_n = 1e6;
         bench
             .controller
-            .command(spherecal_shared::protocol::host::Command::Decouple)
+            .command(Command::Decouple)
             .expect("coupled");
         fault_after_us(&mut bench, Phase::Decoupling, 8_000, Fault::StillCoupled)
     };
@@ -334,5 +334,55 @@ fn the_pull_after_a_recording_is_judged() {
             (usize::from(lost), usize::from(!lost))
         );
         assert!(bench.faults().iter().all(|fault| fault.fault == Fault::ContactLost));
+    }
+}
+
+// Fails if the observer keeps what it took for a force when the tool changes: it belongs to the old one. In the
+// first tick the residual of 5 N m is 0.3 N m with the pole of 60 1/s.
+#[test]
+fn a_new_tool_starts_the_observer_anew() {
+    let mut bench = Bench::new(Bench::fast_procedure());
+    bench.torque_bias[1] = 5.0;
+    bench.run(500);
+    let felt = |bench: &Bench| bench.controller.observer.residual().norm();
+    assert!(felt(&bench) > 4.0, "{} N m", felt(&bench));
+    let (tool, procedure) = (iiwa7_tool(), Bench::fast_procedure());
+    let configured = bench.controller.command(Command::Configure { tool, procedure });
+    configured.expect("idle");
+    bench.run(1);
+    assert!(felt(&bench) < 0.5, "{} N m", felt(&bench));
+}
+
+// Fails if the torque loop follows the torque sensors while a pose is recorded, or never follows them: their noise
+// must not move an arm that has to rest.
+#[test]
+fn the_torque_loop_rests_with_the_arm() {
+    let mut bench = Bench::coupled();
+    let moved_by_sensor = |bench: &Bench| {
+        let (mut good, mut bad) = (bench.clone(), bench.clone());
+        bad.torque_bias[0] = 0.3;
+        good.run(20);
+        bad.run(20);
+        good.command.tau[0] - bad.command.tau[0]
+    };
+    assert!(moved_by_sensor(&bench) > 0.1, "{} N m", moved_by_sensor(&bench));
+    bench.pose(0.1, true).expect("coupled");
+    bench.until(Phase::Recording, 5_000);
+    while !matches!(&bench.controller.activity, crate::phases::Activity::Recording(r) if r.count() > 20) {
+        bench.run(1);
+    }
+    assert_eq!(moved_by_sensor(&bench), 0.0);
+}
+
+// Fails if a command that replaces one for an unusable state has another tick than that state, or another torque
+// than the last one: a drive takes an old tick for a late command.
+#[test]
+fn a_bridging_command_has_the_tick_of_its_state() {
+    let mut bench = Bench::new(Bench::fast_procedure());
+    let last = bench.command.clone();
+    for _ in 0..3 {
+        bench.run_with(1, |_, state| state.tau[0] = f64::NAN);
+        assert_eq!((bench.command.tick, bench.command.enable), (bench.tick, true));
+        assert_eq!(bench.command.tau, last.tau);
     }
 }

@@ -202,6 +202,54 @@ fn the_tighter_limits_of_robot_and_drive_hold() {
     assert_eq!(controller.connect(&apart), Err(Refusal::Drive));
 }
 
+/// Largest speed (rad/s) of joint `joint` (from 0) in a motion by `by` (rad) that asks for 3 rad/s.
+fn fastest(bench: &mut Bench, joint: usize, by: f64) -> f64 {
+    let mut target = HOME;
+    target[joint] += by;
+    bench.go(&target).expect("idle");
+    let mut fastest = 0.0f64;
+    for _ in 0..8_000 {
+        bench.run(1);
+        fastest = fastest.max(bench.dq[joint].abs());
+    }
+    assert_eq!((bench.controller.phase(), bench.faults().len()), (Phase::Idle, 0));
+    fastest
+}
+
+fn hasty() -> Procedure {
+    let mut procedure = Bench::fast_procedure();
+    procedure.motion.speed_rad_s = 3.0;
+    procedure.motion.acceleration_rad_s2 = 20.0;
+    procedure
+}
+
+// Fails if a motion may ask for more speed than the limit at which it is stopped, 0.9 of the joint's, or has no room
+// below it.
+#[test]
+fn a_motion_keeps_below_the_speed_that_stops_it() {
+    let limit = iiwa7().joints[6].limits.velocity_rad_s;
+    let fastest = fastest(&mut Bench::new(hasty()), 6, 2.0);
+    assert!(fastest > 0.7 * limit && fastest < 0.75 * limit, "{fastest} rad/s");
+}
+
+// Fails if the drive's limit of speed is ignored where it is lower than the robot's: by a motion, or by the monitor.
+#[test]
+fn the_drives_limit_of_speed_holds() {
+    let slow = again(|hello| hello.limits[0].velocity_rad_s = 0.2);
+    let mut bench = Bench::new(hasty());
+    bench.controller.connect(&slow).expect("a drive that fits");
+    bench.session += 1;
+    bench.run(10);
+    bench.controller.command(Command::ClearFault).expect("always");
+    bench.events.clear();
+    let fastest = fastest(&mut bench, 0, 0.2);
+    assert!(fastest > 0.14 && fastest < 0.15, "{fastest} rad/s");
+    bench.dq[0] = 0.25;
+    bench.run(1);
+    let faults = bench.faults();
+    assert_eq!((faults[0].fault, faults[0].joint), (Fault::JointVelocity, 1));
+}
+
 // Fails if a tick number beyond all others makes the later ones look old.
 #[test]
 fn an_absurd_tick_is_not_kept() {
