@@ -302,10 +302,7 @@ fn the_times_to_settle_are_those_of_the_procedure() {
         let mut bench = Bench::coupled_by(procedure);
         // The magnet does not let go.
         bench.hold_n = 1e6;
-        bench
-            .controller
-            .command(Command::Decouple)
-            .expect("coupled");
+        bench.controller.command(Command::Decouple).expect("coupled");
         fault_after_us(&mut bench, Phase::Decoupling, 8_000, Fault::StillCoupled)
     };
     // A turn that is there and creeps has three times its time.

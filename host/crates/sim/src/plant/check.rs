@@ -96,6 +96,9 @@ impl PlantConfig {
             ("reading.early_share", self.reading.early_share, 1.0),
             ("reading.early_s", self.reading.early_s, 1.0),
             ("reading.deceleration_rad_s2", self.reading.deceleration_rad_s2, 1000.0),
+            ("disturbance.torque_play_share", self.disturbance.torque_play_share, 0.1),
+            ("disturbance.cable_laid_rad", self.disturbance.cable_laid_rad, 6.3),
+            ("disturbance.cable_bend_rad", self.disturbance.cable_bend_rad, 6.3),
             ("drive.state_delay_s", self.drive.state_delay_s, 0.02),
             ("drive.command_delay_s", self.drive.command_delay_s, 0.02),
             ("drive.jitter_s", self.drive.jitter_s, 0.02),
@@ -153,6 +156,7 @@ impl PlantConfig {
             (1.0..=1e6).contains(&self.thermal.time_constant_s),
             "in s, 1 to 1e6",
         )?;
+        self.check_disturbance()?;
         self.check_compliance()?;
         let e = &self.elasticity;
         require(
@@ -216,6 +220,35 @@ impl PlantConfig {
             }
         }
         Ok(())
+    }
+
+    fn check_disturbance(&self) -> Result<(), PlantError> {
+        let d = &self.disturbance;
+        let good = |value: &f64, least: f64| (least..=100.0).contains(value);
+        for (field, values, least, remedy) in [
+            (
+                "disturbance.torque_bias_nm",
+                &d.torque_bias_nm,
+                -100.0,
+                "the bias of each joint, in N m, -100 to 100",
+            ),
+            (
+                "disturbance.cable_nm",
+                &d.cable_nm,
+                0.0,
+                "the largest torque on each joint, in N m, 0 to 100",
+            ),
+        ] {
+            for value in values {
+                require(field, *value, good(value, least), remedy)?;
+            }
+        }
+        require(
+            "disturbance.cable_bend_rad",
+            d.cable_bend_rad,
+            d.cable_bend_rad > 0.0,
+            "must be positive",
+        )
     }
 
     fn check_nest(&self) -> Result<(), PlantError> {

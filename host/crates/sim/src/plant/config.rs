@@ -11,11 +11,11 @@ use serde::{Deserialize, Serialize};
 use spherecal_model::NominalCell;
 
 use super::error::PlantError;
-pub use super::slow_config::{DriveConfig, EncoderSide, LostMotionConfig, ReadingConfig, ThermalConfig};
+pub use super::slow_config::{
+    DisturbanceConfig, DriveConfig, EncoderSide, LostMotionConfig, ReadingConfig, ThermalConfig,
+};
 
-/// All errors of a simulated plant, with their seed.
-///
-/// The default is [`PlantConfig::typical`].
+/// All errors of a simulated plant, with their seed. The default is [`PlantConfig::typical`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlantConfig {
@@ -59,6 +59,8 @@ pub struct PlantConfig {
     pub inertia: InertiaConfig,
     /// Joint elasticity as a state.
     pub elasticity: ElasticityConfig,
+    /// Torques of cables, and errors of the torque sensors that do not average out.
+    pub disturbance: DisturbanceConfig,
     /// Delays of the drive and lag of its actuators.
     pub drive: DriveConfig,
     /// Laser tracker.

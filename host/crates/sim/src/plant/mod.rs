@@ -24,6 +24,7 @@
 //! contact), [`sensors`], [`world`] (error sources), [`tracker`].
 //!
 
+mod cable;
 mod check;
 pub mod config;
 pub mod contact;

@@ -57,9 +57,14 @@ impl<const N: usize> Plant<N> {
                 pulls[pulled] = (pole, force);
                 pulled += 1;
             }
+            let extra = if self.world.cable.is_on() {
+                self.disturbance + self.world.cable.torque(&self.motion.q)
+            } else {
+                self.disturbance
+            };
             let load = ExternalForces {
                 tau: &self.last_tau,
-                extra: &self.disturbance,
+                extra: &extra,
                 pulls: &pulls[..pulled],
                 moment: self.hand_moment,
                 touches: &touches,
@@ -73,7 +78,7 @@ impl<const N: usize> Plant<N> {
     }
 
     /// Whether this tick has no stiff force: no contact within reach, no dry friction, no end stop,
-    /// no push.
+    /// no push, no cable.
     fn is_smooth(&self, tcp: &Pose<f64>) -> bool {
         let inside = |i: usize| {
             let (low, high) = self.joints.stops[i];
@@ -86,6 +91,7 @@ impl<const N: usize> Plant<N> {
             && self.hand_force == Vector3::zeros()
             && self.hand_moment == Vector3::zeros()
             && self.disturbance == SVector::<f64, N>::zeros()
+            && !self.world.cable.is_on()
             && (0..N).all(inside)
             && (!self.config.contact || (self.nearest(tcp).is_none() && !self.near_plate(tcp)))
     }

@@ -6,9 +6,9 @@ use core::f64::consts::PI;
 use spherecal_model::NominalCell;
 
 use super::config::{
-    ComplianceConfig, DriveConfig, ElasticityConfig, EncoderConfig, EncoderSide, FrictionConfig, GeometryConfig,
-    InertiaConfig, LostMotionConfig, NestConfig, PlantConfig, PlateConfig, ReadingConfig, SensorConfig, ThermalConfig,
-    ToolConfig, TrackerConfig,
+    ComplianceConfig, DisturbanceConfig, DriveConfig, ElasticityConfig, EncoderConfig, EncoderSide, FrictionConfig,
+    GeometryConfig, InertiaConfig, LostMotionConfig, NestConfig, PlantConfig, PlateConfig, ReadingConfig, SensorConfig,
+    ThermalConfig, ToolConfig, TrackerConfig,
 };
 use super::error::PlantError;
 
@@ -219,6 +219,7 @@ impl PlantConfig {
             friction: FrictionConfig::default(),
             inertia: InertiaConfig::default(),
             elasticity: ElasticityConfig::default(),
+            disturbance: DisturbanceConfig::default(),
             drive: DriveConfig::default(),
             tracker: TrackerConfig::default(),
         }

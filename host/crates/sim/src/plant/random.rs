@@ -36,6 +36,7 @@ pub(super) enum Stream {
     Noise,
     Delay,
     Rotors,
+    Cable,
 }
 
 /// The generator of one stream of a seed.

@@ -6,7 +6,7 @@
 //!   from the fine motor encoder, low-passed, plus white noise, quantised. It is half a tick late,
 //!   as on a real drive.
 //! - **Torque**: the torque transmitted to the link, averaged over the tick,
-//!   plus a constant bias and white noise, quantised. At rest it equals
+//!   through the sensor's play, plus a constant bias and white noise, quantised. At rest it equals
 //!   `gravity(q) − Jᵀ F`, `F` being the environment's force on the tool.
 
 use rand_chacha::ChaCha8Rng;
@@ -49,6 +49,9 @@ pub(super) struct Sensors<const N: usize> {
     config: SensorConfig,
     rng: ChaCha8Rng,
     bias: [f64; N],
+    /// Half width of the torque sensors' play, in N m, and their readings before bias and noise.
+    play: [f64; N],
+    played: Option<[f64; N]>,
     /// Encoder angles without noise, of the last tick.
     encoder: [f64; N],
     velocity: [f64; N],
@@ -62,7 +65,13 @@ pub(super) struct Sensors<const N: usize> {
 }
 
 impl<const N: usize> Sensors<N> {
-    pub(super) fn new(config: &SensorConfig, rng: ChaCha8Rng, bias: [f64; N], encoder: [f64; N]) -> Self {
+    pub(super) fn new(
+        config: &SensorConfig,
+        rng: ChaCha8Rng,
+        bias: [f64; N],
+        play: [f64; N],
+        encoder: [f64; N],
+    ) -> Self {
         let decay = if config.angle_correlation_s > 0.0 {
             libm::exp(-TICK_S / config.angle_correlation_s)
         } else {
@@ -77,6 +86,8 @@ impl<const N: usize> Sensors<N> {
             config: *config,
             rng,
             bias,
+            play,
+            played: None,
             encoder,
             velocity: [0.0; N],
             correlated: [0.0; N],
@@ -118,7 +129,12 @@ impl<const N: usize> Sensors<N> {
             saturated: false,
             refused: false,
         };
+        let played = self.played.get_or_insert(*torque);
         for i in 0..N {
+            if self.play[i] > 0.0 {
+                played[i] = played[i].max(torque[i] - self.play[i]).min(torque[i] + self.play[i]);
+                sensed.tau[i] = played[i];
+            }
             let angle = self.stuck[i].unwrap_or(encoder[i]);
             let difference = (angle - self.encoder[i]) / TICK_S;
             self.encoder[i] = angle;
@@ -154,5 +170,34 @@ fn quantised(value: f64, step: f64) -> f64 {
         libm::rint(value / step) * step
     } else {
         value
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::config::PlantConfig;
+    use super::super::random::{Stream, stream};
+    use super::*;
+
+    // Fails if a reading with play follows the torque at once after a reversal, lags it by another amount than the
+    // play, or does so on a sensor without play.
+    #[test]
+    fn a_sensor_with_play_follows_late() {
+        let config = PlantConfig::ideal().sensors;
+        let rng = stream(1, Stream::Sensors);
+        let mut sensors = Sensors::new(&config, rng, [0.25, 0.0], [0.5, 0.0], [0.0; 2]);
+        for (torque, read) in [
+            (2.0, 2.0),
+            (2.4, 2.0),
+            (4.0, 3.5),
+            (3.5, 3.5),
+            (3.0, 3.5),
+            (1.0, 1.5),
+            (1.9, 1.5),
+        ] {
+            let tau = sensors.read(1, &[0.0; 2], &[torque; 2]).tau;
+            assert!((tau[0] - 0.25 - read).abs() < 1e-12, "{torque} N m: {tau:?}");
+            assert_eq!(tau[1], torque);
+        }
     }
 }

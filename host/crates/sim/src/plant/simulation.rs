@@ -144,6 +144,7 @@ impl<const N: usize> Plant<N> {
             &config.sensors,
             stream(config.seed, Stream::Sensors),
             world.torque_bias,
+            core::array::from_fn(|i| config.disturbance.torque_play_share * limit(|j| j.limits.torque_nm, i)),
             *q,
         );
         let spheres: heapless::Vec<_, MAX_SPHERES> = world.spheres.clone();

@@ -1,5 +1,5 @@
 //! Configuration of the effects that depend on time and on the path of the arm: lost motion,
-//! thermal drift, early readings, and the delays of the drive.
+//! thermal drift, early readings, disturbing torques, and the delays of the drive.
 //!
 //! All of them are off by default, and off in the presets `ideal`, `typical`, `harsh` and `w0` to `w4`.
 
@@ -121,4 +121,40 @@ pub struct DriveConfig {
     pub step_every_s: f64,
     /// Time constant of the actuators, in s: torque follows its command as a first-order lag. Default 0.
     pub actuator_lag_s: f64,
+}
+
+/// Torques that no model of the arm has, and errors of the torque sensors that do not average out.
+///
+/// All are off by default and in every preset: makers do not publish them. The sizes that the controller bears are in
+/// `docs/design/control.md`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct DisturbanceConfig {
+    /// Half width of the play of the torque sensors, as a share of the joint's torque limit: the reading follows the
+    /// torque only after the torque has moved by so much to either side. Default 0.
+    pub torque_play_share: f64,
+    /// Bias of each torque sensor, base to flange, in N m. It is added to the one that is drawn
+    /// (`sensors.torque_bias_share`). Joints beyond the list have none. Default: empty.
+    pub torque_bias_nm: Vec<f64>,
+    /// Largest torque of the cables and hoses on each joint, base to flange, in N m. Joints beyond the list have none.
+    /// Default: empty. 1.5 is a cable that pulls with 15 N at 0.1 m, assumed.
+    pub cable_nm: Vec<f64>,
+    /// Largest angle in which the cables of a joint lie without tension, in rad (uniform, either sign). They pull the joint
+    /// towards it. Default 1, assumed.
+    pub cable_laid_rad: f64,
+    /// Angle from there over which the torque grows, in rad: `cable_nm tanh(angle / cable_bend_rad)`. Default 0.3,
+    /// assumed.
+    pub cable_bend_rad: f64,
+}
+
+impl Default for DisturbanceConfig {
+    fn default() -> Self {
+        Self {
+            torque_play_share: 0.0,
+            torque_bias_nm: Vec::new(),
+            cable_nm: Vec::new(),
+            cable_laid_rad: 1.0,
+            cable_bend_rad: 0.3,
+        }
+    }
 }

@@ -17,6 +17,7 @@ use nalgebra::Vector3;
 pub use spherecal_model::MAX_SPHERES;
 use spherecal_shared::robot::{Arm, Dynamics, Pose, Robot, Tool};
 
+use super::cable::Cable;
 use super::config::{EncoderSide, PlantConfig};
 use super::draw::{
     anywhere, draw_bending, draw_compliance, draw_geometry, draw_joint_errors, draw_joint_functions, draw_masses,
@@ -50,6 +51,8 @@ pub struct TrueCell<const N: usize> {
     pub rotor: [f64; N],
     /// Bias of the torque sensors, in N m.
     pub torque_bias: [f64; N],
+    /// Torques of the cables.
+    pub(super) cable: Cable<N>,
     /// True plate pose in F0 in each of its placements.
     pub(super) plates: Vec<Pose<f64>>,
     pub(super) errors: [JointError; N],
@@ -133,7 +136,8 @@ impl<const N: usize> TrueCell<N> {
         let mut rng = stream(seed, Stream::Bias);
         let torque_bias = core::array::from_fn(|i| {
             let range = robot.joints.get(i).map_or(0.0, |j| j.limits.torque_nm);
-            config.sensors.torque_bias_share * range * normal(&mut rng)
+            let own = config.disturbance.torque_bias_nm.get(i).copied().unwrap_or(0.0);
+            config.sensors.torque_bias_share * range * normal(&mut rng) + own
         });
         let (bending, tilt) = draw_bending(config);
         let mut errors = draw_joint_errors(config);
@@ -149,6 +153,7 @@ impl<const N: usize> TrueCell<N> {
             viscous,
             rotor,
             torque_bias,
+            cable: Cable::draw(config),
             errors,
             deflections,
             memory: draw_memory(config),
