@@ -35,6 +35,9 @@ impl<const N: usize> Cable<N> {
 
     /// Torque on the links at the angles `q` (rad), in N m.
     pub(super) fn torque(&self, q: &SVector<f64, N>) -> SVector<f64, N> {
+        if !self.is_on() {
+            return SVector::zeros();
+        }
         SVector::from_fn(|i, _| -self.most[i] * libm::tanh((q[i] - self.laid[i]) / self.bend))
     }
 }

@@ -57,11 +57,7 @@ impl<const N: usize> Plant<N> {
                 pulls[pulled] = (pole, force);
                 pulled += 1;
             }
-            let extra = if self.world.cable.is_on() {
-                self.disturbance + self.world.cable.torque(&self.motion.q)
-            } else {
-                self.disturbance
-            };
+            let extra = self.disturbance + self.world.cable.torque(&self.motion.q);
             let load = ExternalForces {
                 tau: &self.last_tau,
                 extra: &extra,

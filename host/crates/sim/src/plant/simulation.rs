@@ -95,7 +95,7 @@ impl<const N: usize> Plant<N> {
         let slow = world.slow(config.seed, Stream::Scatter);
         let link = world.link_angles(&world.arm, q, Some(&slow));
         let bodies = world.arm.bodies(&world.arm.frames(&link));
-        let gravity = bodies.gravity();
+        let gravity = bodies.gravity() - world.cable.torque(&SVector::from(link));
         let mut mass = bodies.mass_matrix();
         for i in 0..N {
             mass[(i, i)] += world.rotor[i];
@@ -259,7 +259,8 @@ impl<const N: usize> Plant<N> {
             .world
             .arm
             .bodies(&self.world.arm.frames(&self.motion.q.data.0[0]))
-            .gravity();
+            .gravity()
+            - self.world.cable.torque(&self.motion.q);
         self.transmitted = self.last_tau;
         self.tick += 1;
         self.warm();
