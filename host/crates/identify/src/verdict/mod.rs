@@ -1,6 +1,6 @@
 //! May the result be used? In numbers, in words, and as the exit code.
 //!
-//! One verdict for every way in which a calibration is made. [`checks`] looks at the
+//! One verdict for every way in which a calibration is made. `checks` looks at the
 //! evidence and lists what was found, each check with its number and limit; the
 //! [`Statement`] gives the error of the TCP over each region.
 //!

@@ -36,6 +36,7 @@ pub struct CellSection {
 }
 
 /// A box in the robot's base frame in which the arm is to work.
+#[allow(clippy::struct_field_names)] // Fields of a file say their unit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WorkSection {
