@@ -23,11 +23,6 @@ impl TorqueLimits {
         torque: [176.0, 176.0, 110.0, 110.0, 110.0, 40.0, 40.0],
         torque_rate: 1000.0,
     };
-    /// LBR iiwa 14 R820: the joints' torque limits.
-    pub const IIWA_14: Self = Self {
-        torque: [320.0, 320.0, 176.0, 176.0, 110.0, 40.0, 40.0],
-        torque_rate: 1000.0,
-    };
 }
 
 /// Settings of a session.
