@@ -8,20 +8,21 @@ use spherecal_tests::worlds::World;
 const WORLDS: [&str; 4] = ["world_W1_seed0", "world_W1_seed1", "world_W4_seed0", "world_W4_seed1"];
 
 /// Mean errors with the measured and with the best base that were found, and 3 %, in mm.
-const MOST_MM: [[f64; 2]; 4] = [[0.204, 0.123], [0.228, 0.210], [0.377, 0.369], [0.504, 0.461]];
+const MOST_MM: [[f64; 2]; 4] = [[0.231, 0.129], [0.207, 0.190], [0.226, 0.220], [0.301, 0.222]];
 
 /// Fails if the default estimator is worse than it was on the four experiments. The stored structured one, whose priors were
-/// chosen on such experiments, is better on three of them: 0.153, 0.227, 0.230 and 0.257 mm with the measured base. With
-/// those priors the prediction of a real UR10 is four times worse, and real tables decide.
+/// chosen on such experiments, has 0.153, 0.227, 0.230 and 0.257 mm with the measured base: better on two of them.
 #[test]
 fn the_default_estimator_is_as_good_as_it_was() {
+    let mut beyond = Vec::new();
     for (name, most) in WORLDS.into_iter().zip(MOST_MM) {
         let world = World::load(name);
         let c = identify(&world.spheres(), &Options::default()).expect("good data");
         let found = world.validate(|q| c.tcp_m(q, None)).map(|errors| errors.mean);
         println!("{name}: {found:.3?} mm");
-        assert!(found[0] < most[0] && found[1] < most[1], "{name}: {found:?} mm");
+        beyond.extend((found[0] >= most[0] || found[1] >= most[1]).then_some(name));
     }
+    assert!(beyond.is_empty(), "{beyond:?}");
 }
 
 /// Largest difference of the calibrated table from a stored one, mm and rad alike.
