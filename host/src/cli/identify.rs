@@ -112,7 +112,7 @@ pub struct IdentifyArgs {
     /// Without effect, and accepted for one more release: the data find how large the arm's errors are.
     #[arg(long, requires = "data", hide = true)]
     pub uncalibrated: bool,
-    /// Names and numbers for page one of the report: a file with the block [certificate], such as the cell's
+    /// Names and numbers for the certificate in the report: a file with the block [certificate], such as the cell's
     /// configuration.
     #[arg(long, value_name = "FILE.toml", requires = "data")]
     pub certificate: Option<PathBuf>,

@@ -18,9 +18,9 @@ fn read(path: &Path) -> String {
     std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
-/// Page one as text, without markup.
-fn page_one(page: &str) -> String {
-    let start = page.find("<section class=\"certificate\"").expect("page one");
+/// The certificate as text, without markup.
+fn certificate_of(page: &str) -> String {
+    let start = page.find("<section class=\"certificate\"").expect("a certificate");
     let section = &page[start..start + page[start..].find("</section>").expect("its end")];
     let mut out = String::new();
     let mut inside = false;
@@ -44,7 +44,7 @@ fn page_one(page: &str) -> String {
     plain.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Every figure and name of the certificate, as page one prints it.
+/// Every figure and name of the certificate, as it is printed.
 fn shown(path: &str, value: &Value, out: &mut Vec<(String, String)>) {
     match value {
         Value::Number(n) => {
@@ -62,7 +62,7 @@ fn shown(path: &str, value: &Value, out: &mut Vec<(String, String)>) {
         Value::Array(list) => list
             .iter()
             .enumerate()
-            // Page one lists two reasons; the next page has all.
+            // The certificate lists two reasons; the report has all.
             .filter(|(k, _)| !path.ends_with(".reasons") || *k < 2)
             .for_each(|(k, v)| shown(&format!("{path}.{k}"), v, out)),
         Value::Object(map) => map.iter().for_each(|(k, v)| shown(&format!("{path}.{k}"), v, out)),
@@ -76,7 +76,10 @@ fn same(certificate: &Value, page: &str, least: usize) {
     assert!(all.len() >= least, "{} in {certificate:#}", all.len());
     for (path, words) in all {
         let words = words.split_whitespace().collect::<Vec<_>>().join(" ");
-        assert!(page.contains(&words), "{path}: {words} is not on page one: {page}");
+        assert!(
+            page.contains(&words),
+            "{path}: {words} is not on the certificate: {page}"
+        );
     }
     // The terms add up.
     let number = |v: &Value| v.as_f64().expect("a number");
@@ -89,7 +92,7 @@ fn same(certificate: &Value, page: &str, least: usize) {
     assert!((0.9..2.0).contains(&(u / mean)), "u {u} mm, expected error {mean} mm");
 }
 
-// Fails if page one of a run's report shows another figure, name or hash than summary.json has
+// Fails if the certificate of a run's report shows another figure, name or hash than summary.json has
 // under `certificate`, lacks what the user stated, hides that the run is simulated, prints the
 // configuration whole, or is cut or longer than a page on A4 or Letter.
 #[test]
@@ -103,7 +106,7 @@ fn slow_a_run_has_its_certificate_on_one_page() {
     let summary: Value = serde_json::from_str(&read(&folder.join("o/summary.json"))).expect("JSON");
     let certificate = &summary["certificate"];
     let html = read(&folder.join("o/report.html"));
-    let page = page_one(&html);
+    let page = certificate_of(&html);
     same(certificate, &page, 45);
     assert_eq!(certificate["recordings_sha256"], summary["recordings_sha256"]);
     for figure in ["mean", "interval", "p95"] {
@@ -167,7 +170,7 @@ fn slow_a_run_has_its_certificate_on_one_page() {
     }
 }
 
-// Fails if a table of poses gives no certificate, if its page one shows another figure than
+// Fails if a table of poses gives no certificate, if the certificate shows another figure than
 // summary.json, invents a plate, a date or an accuracy, or if names that were given are lost.
 #[test]
 fn a_table_of_poses_has_a_certificate_with_what_is_known() {
@@ -189,7 +192,7 @@ fn a_table_of_poses_has_a_certificate_with_what_is_known() {
         assert!(matches!(output.status.code(), Some(0 | 3)), "{}", text(&output.stderr));
         let summary: Value = serde_json::from_str(&read(&folder.join(out).join("summary.json"))).expect("JSON");
         let certificate = &summary["certificate"];
-        let page = page_one(&read(&folder.join(out).join("report.html")));
+        let page = certificate_of(&read(&folder.join(out).join("report.html")));
         same(certificate, &page, least);
         assert_eq!(certificate["simulated"], false);
         for unknown in ["plate", "seating"] {

@@ -181,7 +181,7 @@ pub struct Summary {
     pub verdict: Verdict,
     /// The files of the result with the error that each has over the work region.
     pub files: serde_json::Value,
-    /// The figures of the report's first page.
+    /// The figures of the report's certificate.
     pub certificate: Certificate,
     /// Remarks.
     pub remarks: Vec<String>,

@@ -1,4 +1,4 @@
-//! The certificate: page one of the report, as a laboratory files it, and the same figures for
+//! The certificate: the last page of the report, as a laboratory files it, and the same figures for
 //! programs (`certificate` in `summary.json`). Both are made from one [`Certificate`].
 
 use maud::{Markup, html};
@@ -8,7 +8,7 @@ use spherecal_identify::evaluate::Repeatability;
 
 /// Coverage factor of the expanded uncertainty.
 pub const COVERAGE: f64 = 2.0;
-/// Reasons that page one lists; the others stand on the next page.
+/// Reasons that the certificate lists; the report has all.
 const REASONS: usize = 2;
 
 /// A line of the budget.
@@ -54,7 +54,7 @@ pub struct PositionError {
     pub nominal_mean_mm: f64,
 }
 
-/// Everything on page one. What is not known is `None`, and is printed as "not stated".
+/// Everything on it. What is not known is `None`, and is printed as "not stated".
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Certificate {
     /// Whether the arm was a simulation: then this certifies no robot.
@@ -121,7 +121,7 @@ pub struct Certificate {
     pub next_calibration: Option<String>,
 }
 
-/// A length in mm as page one prints it: micrometres, and a digit more below 10 of them.
+/// A length in mm as the certificate prints it: micrometres, and a digit more below 10 of them.
 pub fn millimetres(value: f64) -> String {
     if value != 0.0 && value.abs() < 0.01 {
         format!("{value:.4}")
@@ -292,7 +292,7 @@ impl Certificate {
                 p.mark { (if self.may_be_used { "May be used" } else { "Not to be used" }) }
                 @if !self.reasons.is_empty() {
                     ul { @for r in self.reasons.iter().take(REASONS) { li { (r) } } }
-                    @if more > 0 { p.small { "and " (more) " more on the next page" } }
+                    @if more > 0 { p.small { "and " (more) " more in the report" } }
                 }
             }
             dl.facts2 {

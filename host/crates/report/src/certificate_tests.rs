@@ -79,11 +79,11 @@ pub(crate) fn certified(evil: &str) -> Certificate {
     }
 }
 
-/// Page one of a report.
-fn page_one(page: &str) -> &str {
+/// The certificate of a report.
+fn certificate_of(page: &str) -> &str {
     let start = page
         .find("<section class=\"certificate\" id=\"certificate\"")
-        .expect("page one");
+        .expect("a certificate");
     &page[start..start + page[start..].find("</section>").expect("its end")]
 }
 
@@ -100,16 +100,18 @@ fn numbers(path: &str, value: &serde_json::Value, out: &mut Vec<(String, f64)>) 
     }
 }
 
-// Fails if a figure for programs is missing on page one, if page one is not the first of the
+// Fails if a figure for programs is missing on the certificate, if it is not the last page of the
 // report, or if a simulated run is not marked.
 #[test]
-fn page_one_has_every_figure_that_programs_get() {
+fn it_has_every_figure_that_programs_get() {
     let mut input = full();
     let certificate = certified("A. Miller");
     input.certificate = Some(certificate.clone());
     let page = render(&input).unwrap();
-    assert!(page.find("id=\"certificate\"") < page.find("<header>"));
-    let page = page_one(&page);
+    // The answer comes first, the certificate is the last page.
+    assert!(page.find("<header>") < page.find("<section id="));
+    assert!(page.rfind("<section id=") < page.find("<section class=\"certificate\""));
+    let page = certificate_of(&page);
     let mut found = Vec::new();
     numbers("certificate", &serde_json::to_value(&certificate).unwrap(), &mut found);
     assert!(found.len() > 25, "{}", found.len());
@@ -126,14 +128,14 @@ fn page_one_has_every_figure_that_programs_get() {
         "certifies no robot",
         "2027-11-23",
         "2026-11-23T10:00:00Z",
-        "and 3 more on the next page",
+        "and 3 more in the report",
     ] {
         assert!(page.contains(words), "{words}");
     }
     assert_eq!(page.matches("A. Miller").count(), 9);
 }
 
-// Fails if page one invents what nobody stated, or gives a date for the next calibration of a
+// Fails if the certificate invents what nobody stated, or gives a date for the next calibration of a
 // result that may not be used.
 #[test]
 fn what_is_not_known_is_not_stated() {
@@ -145,7 +147,7 @@ fn what_is_not_known_is_not_stated() {
         ..Certificate::default()
     });
     let page = render(&input).unwrap();
-    let page = page_one(&page);
+    let page = certificate_of(&page);
     // Ten names and numbers, date, temperature, commit, both hashes.
     assert!(page.matches(">not stated<").count() >= 18, "{page}");
     assert!(!page.contains("SIMULATED"));

@@ -59,13 +59,16 @@ pub fn render(input: &ReportInput) -> Result<String, ChartError> {
             }
             body {
                 main {
-                    @if let Some(certificate) = &input.certificate { (certificate.page()) }
                     header { h1 { (input.title) } p { (input.subtitle) } }
                     (headline(input))
-                    nav { @for (id, title, _) in &sections { a href=(format!("#{id}")) { (title) } } }
+                    nav {
+                        @for (id, title, _) in &sections { a href=(format!("#{id}")) { (title) } }
+                        @if input.certificate.is_some() { a href="#certificate" { "Certificate" } }
+                    }
                     @for (id, title, body) in &sections {
                         section id=(id) { h2 { (title) } (body) }
                     }
+                    @if let Some(certificate) = &input.certificate { (certificate.page()) }
                     footer { "Written by spherecal " (env!("CARGO_PKG_VERSION")) ". This file is complete and makes no network request." }
                 }
             }

@@ -1,4 +1,4 @@
-//! Section `[certificate]`: what only the user knows of page one of the report.
+//! Section `[certificate]`: what only the user knows of the report's certificate.
 
 use std::path::Path;
 
@@ -20,7 +20,7 @@ pub(super) fn is_one_line(text: &str) -> bool {
 /// Longest validity, in months.
 const MOST_MONTHS: u32 = 120;
 
-/// Names and numbers of the certificate, which is page one of the report. The program cannot know
+/// Names and numbers of the certificate, which is the last page of the report. The program cannot know
 /// them. What is left out is printed as "not stated".
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]

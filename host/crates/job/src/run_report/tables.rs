@@ -203,7 +203,7 @@ pub(super) fn configuration(config: &Config) -> Vec<String> {
         .collect()
 }
 
-/// The fields that differ from the defaults, without the certificate's own: they are on page one.
+/// The fields that differ from the defaults, without the certificate's own: they are on the certificate.
 fn differing(config: &Config) -> Vec<String> {
     let table = |config: &Config| toml::Table::try_from(config).unwrap_or_default();
     let mut own = table(config);
