@@ -47,8 +47,8 @@ LOOK = """() => {
   const c = document.getElementById('certificate');
   return {
     height: c ? c.getBoundingClientRect().height : 0,
-    first: document.querySelector('main').firstElementChild.id,
-    break_after: c ? getComputedStyle(c).breakAfter : '',
+    last: document.querySelector('main > footer').previousElementSibling.id,
+    break_before: c ? getComputedStyle(c).breakBefore : '',
     folded: [...document.querySelectorAll('.folded')].filter(e => !e.closest('.screen') && !e.getBoundingClientRect().height).length,
     folds: document.querySelectorAll('.folded').length,
     screen_only: [...document.querySelectorAll('.screen')].filter(e => e.getBoundingClientRect().height).length,

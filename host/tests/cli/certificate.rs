@@ -156,8 +156,8 @@ fn slow_a_run_has_its_certificate_on_one_page() {
     for paper in ["a4", "letter"] {
         let found = &found[paper];
         assert_eq!(found["cut"], json!([]), "{paper}: {found}");
-        assert_eq!(found["first"], "certificate", "{paper}: {found}");
-        assert_eq!(found["break_after"], "page", "{paper}: {found}");
+        assert_eq!(found["last"], "certificate", "{paper}: {found}");
+        assert_eq!(found["break_before"], "page", "{paper}: {found}");
         assert!(
             found["share"].as_f64().is_some_and(|s| s > 0.5 && s <= 1.0),
             "{paper}: {found}"
