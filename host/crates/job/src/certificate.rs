@@ -173,7 +173,7 @@ fn budget(recordings: &Recordings, evaluation: &Evaluation) -> (Option<Uncertain
         standard_mm: b.total_mm,
         k: COVERAGE,
         expanded_mm: COVERAGE * b.total_mm,
-        noise_by_data: !evaluation.calibration.targets.is_empty() && evaluation.options.noise.estimate,
+        noise_by_data: evaluation.options.noise.estimate,
     });
     (uncertainty, lines)
 }

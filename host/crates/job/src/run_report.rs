@@ -85,7 +85,7 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
         })
     };
     let mut figures = Vec::new();
-    let mut sentence = match (of("nominal"), of("sphere")) {
+    let mut detail = match (of("nominal"), of("sphere")) {
         (Some(n), Some(c)) => {
             figures.extend(error_figures("", n, c));
             compared(
@@ -108,7 +108,7 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
             ),
         },
     };
-    sentence += &against_the_laser(s);
+    detail += &against_the_laser(s);
     figures.push((
         "Recordings".to_owned(),
         s.poses.recorded.to_string(),
@@ -128,7 +128,8 @@ fn headline(e: &Evaluation, s: &Summary) -> Headline {
     ));
     Headline {
         trusted: s.verdict.may_be_used,
-        sentence: format!("{} {sentence}", s.verdict.headline),
+        sentence: s.verdict.headline.clone(),
+        detail,
         reasons: s.verdict.reasons.clone(),
         next: s.verdict.next.clone(),
         figures,

@@ -35,7 +35,7 @@ pub struct Uncertainty {
     /// Expanded uncertainty.
     pub expanded_mm: f64,
     /// Whether the data told the noise of seating or instrument from that of the encoders; else the
-    /// options gave their proportion.
+    /// options gave both.
     pub noise_by_data: bool,
 }
 
@@ -275,10 +275,9 @@ impl Certificate {
                 "The base is aligned: where the robot stands is not in these figures, nor are temperatures and loads other \
                  than those of the measurement."
                 @match &self.uncertainty {
-                    Some(u) if u.noise_by_data => " Instrument and encoder noise are told apart by the data: what was \
-                        measured in one row shares the noise of the encoders.",
-                    Some(_) => " Seating (or instrument) and encoder noise are told apart by the proportion that the options \
-                        give them; the data give their common size.",
+                    Some(u) if u.noise_by_data => " Seating (or instrument) and encoder noise are told apart by the data: \
+                        that of the encoders turns with the posture.",
+                    Some(_) => " Seating (or instrument) and encoder noise are those of the options.",
                     None => "",
                 }
             }

@@ -64,7 +64,7 @@ pub fn study_report(study: &Study, created: &str, certificate: &Certificate) -> 
     let expected = v
         .expected_error_mm
         .filter(|_| evaluation.cross_validated || judged.is_none());
-    let sentence = if let (Some(e), Some(before)) = (expected, v.nominal_error_mm) {
+    let detail = if let (Some(e), Some(before)) = (expected, v.nominal_error_mm) {
         // A cross-validation knows no more than where the data are.
         format!(
             "The expected error of the calibrated {name} over the work region is {:.3} mm in the mean (95 % interval {:.3} \
@@ -207,7 +207,8 @@ pub fn study_report(study: &Study, created: &str, certificate: &Certificate) -> 
         certificate: Some(certificate.clone()),
         headline: Headline {
             trusted: v.may_be_used,
-            sentence: format!("{} {sentence}", v.headline),
+            sentence: v.headline.clone(),
+            detail,
             reasons: v.reasons.clone(),
             next: v.next.clone(),
             figures,

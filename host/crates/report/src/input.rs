@@ -9,8 +9,10 @@ use super::certificate::Certificate;
 pub struct Headline {
     /// Whether the result may be used.
     pub trusted: bool,
-    /// One sentence: whether the robot is better, and by how much.
+    /// One sentence: before, after, with which file, may it be used.
     pub sentence: String,
+    /// What was compared with what, in sentences; may be empty.
+    pub detail: String,
     /// Why not, or what to keep in mind.
     pub reasons: Vec<String>,
     /// What to do next.

@@ -98,6 +98,7 @@ fn headline(input: &ReportInput) -> Markup {
         div class=(if h.trusted { "verdict" } else { "verdict no" }) {
             p.mark { (if h.trusted { "May be used" } else { "Not to be used" }) }
             p.say { (h.sentence) }
+            @if !h.detail.is_empty() { p { (h.detail) } }
             @if !h.reasons.is_empty() { ul { @for r in &h.reasons { li { (r) } } } }
             @if !h.next.is_empty() { p.next { b { "Next: " } (h.next) } }
         }

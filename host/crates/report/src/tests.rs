@@ -16,6 +16,7 @@ pub(crate) fn full() -> ReportInput {
         headline: Headline {
             trusted: true,
             sentence: "The robot is 78 % more accurate.".to_owned(),
+            detail: String::new(),
             reasons: vec![evil.to_owned()],
             next: "Load it.".to_owned(),
             figures: vec![(

@@ -29,6 +29,7 @@ pub fn holds_report(
                  of the whole hold; at {agree} of {} places the first {window_s:.0} s gave the same position, within the noise or {HARMLESS_UM} µm.",
                 holds.len()
             ),
+            detail: String::new(),
             reasons: reasons(holds, joint),
             next: if all {
                 format!("Recordings of {window_s:.0} s are long enough.")
