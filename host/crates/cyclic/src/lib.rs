@@ -4,7 +4,7 @@
 //! - [`wire_enum!`]: enumerations with the maker's numbers and names;
 //! - [`Inbox`]: the client's wait for the newest datagram, without allocation;
 //! - [`Machine`]: time and network of one side; `testing::World` is a virtual one;
-//! - [`Process`], [`Side`] and [`PeriodClock`]: a simulated robot side as a process of its own;
+//! - [`Process`], [`Side`], [`PeriodClock`] and [`Wire`]: a simulated robot side as a process of its own, and its clients;
 //! - `testing` (feature of the same name): a network on a virtual clock that loses, delays and repeats datagrams.
 
 #![forbid(unsafe_code)]
@@ -15,9 +15,11 @@ mod machine;
 mod side;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
+mod wire;
 mod wire_enum;
 
 pub use clock::PeriodClock;
 pub use inbox::{Inbox, SocketError, Wait, io_error};
 pub use machine::{Datagrams, Listener, Machine, Process, Running, Stream, this_machine};
 pub use side::{Published, Side};
+pub use wire::Wire;

@@ -6,13 +6,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI32, Ordering};
 use std::time::{Duration, Instant};
 
-use spherecal_cyclic::{Listener, Machine, PeriodClock, Process, Published, Side};
+use spherecal_cyclic::{Listener, Machine, PeriodClock, Process, Published, Side, Wire};
 
 use super::arm::ArmHardware;
 use super::config::RobotConfig;
 use super::outputs::{Outputs, known};
 use super::registers::Registers;
-use super::session::{Session, Wanted, Wire};
+use super::session::{Session, Wanted};
 use crate::PRIMARY_BELOW_RTDE;
 use crate::wire::{
     Answer, MAX_NAMES, MAX_REQUEST, NOT_FOUND, PROTOCOL, Request, RobotMode, RuntimeState, SafetyMode, Setup,
