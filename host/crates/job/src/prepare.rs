@@ -111,16 +111,20 @@ fn known(config: &Config) -> Result<Known, JobError> {
         return Err(JobError::Motors { found, joints });
     }
     let tool = model.tool_in_table();
-    if let Some(work) = &config.cell.work {
-        work.configurations(&Chain::new(&model.robot, &tool)?)
-            .map_err(ConfigError::from)?;
-    }
+    let work = match &config.cell.work {
+        Some(work) => Some(
+            work.configurations(&Chain::new(&model.robot, &tool)?)
+                .map_err(ConfigError::from)?,
+        ),
+        None => None,
+    };
     let mut cell = plan::Cell {
         robot: model.robot.clone(),
         tool,
         spheres: config.cell.plate.certificate(),
         plates: plate_poses(&config.cell.nominal()),
         approach_height_m: config.plan.approach_height_m,
+        work,
         obstacles: plan::Obstacles {
             sphere_radius_m: config.cell.plate.sphere_radius_m,
             surface_below_m: config.cell.plate.surface_below_m,

@@ -82,6 +82,9 @@ pub struct Cell {
     pub home_height_m: f64,
     /// The shapes of spheres and plate that the arm keeps clear of.
     pub obstacles: Obstacles,
+    /// Postures of the work region (rad), over which an optimal plan makes the error small; the space in front of the arm
+    /// without it.
+    pub work: Option<Vec<Vec<f64>>>,
 }
 
 impl Cell {
@@ -97,6 +100,7 @@ impl Cell {
             approach_height_m: 0.050,
             home_height_m: 0.200,
             obstacles: Obstacles::default(),
+            work: None,
         }
     }
 

@@ -223,7 +223,7 @@ pub fn predicted_accuracy(cell: &Cell, plan: &Plan, options: &Options) -> Result
             recorded.map(|p| model.observation(&p.joints, visit.sphere_id, visit.place as usize))
         })
         .collect();
-    let problem = SelectionProblem::new(model.columns(), &rows, &predictions(&model, &chain));
+    let problem = SelectionProblem::new(model.columns(), &rows, &predictions(&model, cell, &chain));
     let all = Design::with_all(&problem);
     let predicted = all.predicted(1.0 / options.noise.inflation);
     Ok(Accuracy {

@@ -70,7 +70,7 @@ impl DesignProblem {
             chain: self.chain.clone(),
             home: self.home.clone(),
             visits: self.visits.clone(),
-            problem: SelectionProblem::new(model.columns(), &rows, &predictions(&model, &self.chain)),
+            problem: SelectionProblem::new(model.columns(), &rows, &predictions(&model, cell, &self.chain)),
             considered: candidates.len(),
             candidates,
         })
@@ -178,9 +178,7 @@ pub(super) fn model_of(cell: &Cell, options: &Options) -> Result<DesignModel, Pl
     )?)
 }
 
-pub(super) fn predictions(model: &DesignModel, chain: &Chain) -> Vec<(Vec<f64>, Vector3<f64>, f64)> {
-    workspace(chain, VALIDATION)
-        .iter()
-        .map(|q| model.prediction(q))
-        .collect()
+pub(super) fn predictions(model: &DesignModel, cell: &Cell, chain: &Chain) -> Vec<(Vec<f64>, Vector3<f64>, f64)> {
+    let work = cell.work.clone().unwrap_or_else(|| workspace(chain, VALIDATION));
+    work.iter().map(|q| model.prediction(q)).collect()
 }
