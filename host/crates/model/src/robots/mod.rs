@@ -48,9 +48,10 @@ pub use kinematics_yaml::{write_kinematics_yaml, write_offsets_yaml};
 pub use model::{Origin, RobotModel, Tolerances, moved, near, table_frames};
 pub use path::{JointKind, JointPath, PathFrames, PathJoint, Twist};
 pub use standard_dh::{DhRow, StandardChain};
-pub use ur_parameters::{UrParameters, ur_lengths};
+pub use ur_parameters::UrParameters;
 pub use urdf_in::load as load_urdf_text;
 pub use urdf_out::{write_urdf, write_urdf_with_tcp};
+pub use vendor::ur_lengths;
 
 /// Largest URDF, in bytes: one without meshes has some 100 kB.
 const MOST_URDF_BYTES: u64 = 8 << 20;

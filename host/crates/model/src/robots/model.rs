@@ -13,8 +13,6 @@ use super::urdf::{Urdf, UrdfChain};
 pub enum Origin {
     /// The built-in table.
     BuiltIn,
-    /// Built into the program, with the calibration of a controller.
-    Controller,
     /// A TOML file.
     Toml,
     /// A URDF, kept so that it can be written back with only its numbers changed.
@@ -92,13 +90,13 @@ pub fn near(own: &[MdhRow<f64>], other: &[MdhRow<f64>]) -> bool {
 
 impl RobotModel {
     /// The built-in robot that this one is, or was before it was calibrated: of the
-    /// same name, and with joints within 5 mm and 10 mrad unless a controller says so.
+    /// same name, and with joints within 5 mm and 10 mrad.
     pub(super) fn built_in(&self) -> Option<Robot> {
         let known = spherecal_shared::robot::built_in(&self.robot.name)?;
         let rows: Vec<_> = known.joints.iter().map(|j| j.mdh).collect();
         let same = rows.len() == self.robot.dof()
             && distance(&self.base, &Pose::identity()) < 1e-9
-            && (matches!(self.origin, Origin::Controller) || near(&self.rows(), &rows));
+            && near(&self.rows(), &rows);
         same.then_some(known)
     }
 

@@ -238,7 +238,7 @@ impl RobotModel {
     pub fn joint_path(&self) -> Result<JointPath, RobotFileError> {
         match &self.origin {
             Origin::Urdf(source) => of_urdf(&source.0, &source.1),
-            Origin::BuiltIn | Origin::Controller | Origin::Toml => Ok(self.table_path()),
+            Origin::BuiltIn | Origin::Toml => Ok(self.table_path()),
         }
     }
 

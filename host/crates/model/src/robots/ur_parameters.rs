@@ -147,14 +147,6 @@ impl UrParameters {
     }
 }
 
-/// The lengths d1, a2, a3, d4, d5, d6 (m) of a built-in robot of Universal Robots, by its name.
-pub fn ur_lengths(name: &str) -> Option<[f64; JOINTS]> {
-    vendor::UR_ROBOTS
-        .iter()
-        .find(|(known, _)| *known == name)
-        .map(|(_, lengths)| *lengths)
-}
-
 /// The built-in robot of the maker whose joint origins are all within 15 mm of these.
 fn nearest(origins: &[JointOrigin]) -> Option<&'static str> {
     let off = |known: &[JointOrigin]| {

@@ -158,15 +158,19 @@ pub(super) fn description_of(model: &RobotModel) -> Option<RobotModel> {
     }
 }
 
-/// The nominal description of a built-in robot by its vendor, where it is known.
-fn nominal(name: &str) -> Option<RobotModel> {
-    let lengths = UR_ROBOTS
+/// The lengths d1, a2, a3, d4, d5, d6 (m) of a built-in robot of Universal Robots, by its name.
+pub fn ur_lengths(name: &str) -> Option<[f64; 6]> {
+    UR_ROBOTS
         .iter()
         .find(|(known, _)| *known == name)
-        .map(|(_, lengths)| *lengths);
+        .map(|(_, lengths)| *lengths)
+}
+
+/// The nominal description of a built-in robot by its vendor, where it is known.
+fn nominal(name: &str) -> Option<RobotModel> {
     let (form, origins) = match name {
         "panda" | "fr3" => (Form::Franka, franka()),
-        _ => (Form::UniversalRobots, ur(lengths?)),
+        _ => (Form::UniversalRobots, ur(ur_lengths(name)?)),
     };
     urdf_in::load(name, &urdf_text(form, name, &origins, None), None).ok()
 }
