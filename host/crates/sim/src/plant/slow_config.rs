@@ -125,8 +125,7 @@ pub struct DriveConfig {
 
 /// Torques that no model of the arm has, and errors of the torque sensors that do not average out.
 ///
-/// All are off by default and in every preset: makers do not publish them. The sizes that the controller bears are in
-/// `docs/design/control.md`.
+/// All are off by default and in every preset: makers do not publish them, and the controller does not compensate them yet.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DisturbanceConfig {
