@@ -22,6 +22,8 @@ use spherecal_model::{Experiment, Observation, Set, Sphere, Target};
 const BASE_SIGMA: f64 = 0.02;
 
 /// Highest harmonic order in planning: what ripples faster differs between neighbouring poses, and no choice of poses finds it.
+/// With 30 in place of 12 the mean error of 24 main jobs is the same (0.235 and 0.233 mm, difference 0.002 ± 0.011), and
+/// the plan takes 3.5 s more.
 const PLANNED_ORDERS: usize = 12;
 
 /// The structured model at the nominal robot, ready to give rows.
