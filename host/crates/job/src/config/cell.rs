@@ -30,7 +30,7 @@ pub struct CellSection {
     /// What a robot does not say of itself over its own interface (`franka:`, `fri:`), and how the program waits for it.
     #[serde(skip_serializing_if = "DriveSection::is_default")]
     pub drive: DriveSection,
-    /// Where the arm is to work. Expected error, verdict and files are for it. Default: the space in front of the arm.
+    /// Where the arm is to work. Plan, expected error, verdict and files are for it. Default: the space in front of the arm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub work: Option<WorkSection>,
 }
