@@ -5,6 +5,7 @@ use serde::Serialize;
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::chain::{N, OWN, State};
+use super::hierarchy::open::OpenSizes;
 use super::identifiability::Identifiability;
 use super::load::Nominal;
 use super::options::{Method, Model};
@@ -110,6 +111,9 @@ pub struct Calibration {
     /// How far the sizes of lengths and twists are from ordinary ones, in standard deviations.
     #[serde(skip)]
     pub(crate) strangeness: f64,
+    /// How well the sizes of the groups of parameters are known.
+    #[serde(skip)]
+    pub(crate) open: OpenSizes,
     /// Covariance of the free parameters, in the order in which
     /// [`Self::parameters`] lists them, SI units.
     #[serde(skip)]

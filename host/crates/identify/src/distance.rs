@@ -18,6 +18,7 @@ use super::calibration::Calibration;
 use super::chain::{Prepared, State};
 use super::error::IdentifyError;
 use super::finish::finish;
+use super::hierarchy::open::OpenSizes;
 use super::hierarchy::{FEWEST, Fit, prepare, register};
 use super::identifiability::analyse;
 use super::load::Nominal;
@@ -329,6 +330,7 @@ impl DistanceProblem {
             log_evidence: f64::NAN,
             nu: 0.0,
             strangeness: 0.0,
+            open: OpenSizes::default(),
             identifiability,
         };
         finish(experiment, options, Model::Geometry, fit)

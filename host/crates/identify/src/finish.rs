@@ -94,6 +94,7 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
         log_evidence: fit.log_evidence,
         assumed_masses: nominal.assumed(),
         strangeness: fit.strangeness,
+        open: fit.open.clone(),
         inner: Inner {
             layout: layout.clone(),
             state: state.clone(),

@@ -13,6 +13,7 @@
 mod alike;
 pub(crate) mod constants;
 pub(crate) mod noise;
+pub(crate) mod open;
 pub(crate) mod sizes;
 mod start;
 
@@ -24,6 +25,7 @@ use self::constants::{
     FIRST_ROUNDS, HOPELESS, LARGEST_SCALE, ROUNDS, SCALE_EVIDENCE, SCALE_RESIDUAL, SETTLED, WRONG_SCALE,
 };
 use self::noise::{RowsNoise, Seen as SeenRows};
+use self::open::OpenSizes;
 use self::sizes::{Family, Sizes};
 use self::start::{check_targets, start_state};
 pub(crate) use self::start::{measured, prepare, register};
@@ -59,6 +61,8 @@ pub(crate) struct Fit {
     pub(crate) effective: f64,
     pub(crate) unknowns: Unknowns,
     pub(crate) covariance: DMatrix<f64>,
+    /// How well the sizes of the groups are known.
+    pub(crate) open: OpenSizes,
     /// Log evidence (Laplace) at the estimated noise, up to a constant of the data.
     pub(crate) log_evidence: f64,
     /// Degrees of freedom of Student's t; 0 for normal noise.
@@ -178,6 +182,7 @@ pub(crate) fn fit(
     let numbers: f64 = prepared.iter().map(Prepared::numbers).sum();
     let effective = Posterior::effective(&unknowns, &covariance).min(numbers);
     about_base(&mut covariance, &unknowns, &layout, &state);
+    let open = OpenSizes::new(sizes.groups(&unknowns), &unknowns.deviation, &covariance);
     let mut table = table;
     for (&column, precision) in unknowns.columns.iter().zip(&unknowns.precision) {
         table[column].prior_sigma = precision.powf(-0.5);
@@ -199,6 +204,7 @@ pub(crate) fn fit(
         log_evidence,
         nu: noise.nu,
         strangeness: sizes.strangeness(),
+        open,
         identifiability,
     })
 }

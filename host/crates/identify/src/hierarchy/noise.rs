@@ -215,16 +215,17 @@ impl RowsNoise {
             .collect();
         let rows_of: Vec<&Prepared> = chosen.iter().map(|(p, ..)| *p).collect();
         let own = own_covariances(seen, &rows_of);
-        let shares: Vec<(Variances, Variances)> = chosen
+        let shares: Vec<(Variances, Variances, f64)> = chosen
             .iter()
             .zip(own)
             .map(|((_, row, share), own)| {
                 let weight = share * self.weight(row.d2, row.numbers());
+                let leverage = row.inverse.dot(&own) * weight / row.numbers();
                 let held = &row.inverse * own * &row.inverse * weight;
-                (row.traces(&row.inverse), row.traces(&held))
+                (row.traces(&row.inverse), row.traces(&held), leverage.min(1.0))
             })
             .collect();
-        for (whole, held) in &shares {
+        for (whole, held, _) in &shares {
             for k in 0..COUNT {
                 some[k] += whole[k];
                 taken[k] += held[k];
@@ -261,8 +262,19 @@ impl RowsNoise {
             body: next[BODY],
         };
         if self.nu > 0.0 {
-            let squares: Vec<(f64, f64)> = rows.iter().flatten().map(|row| (row.d2, row.numbers())).collect();
-            let nu = tails(&squares);
+            // The model takes a part of each row's residual: a row that it follows tells nothing of the tails.
+            let free = |k: usize| {
+                1.0 - shares
+                    .get(k / every)
+                    .or(shares.last())
+                    .map_or(0.0, |(.., leverage)| *leverage)
+            };
+            let squares = rows
+                .iter()
+                .flatten()
+                .enumerate()
+                .map(|(k, row)| (row.d2, row.numbers() * free(k)));
+            let nu = tails(&squares.collect::<Vec<_>>());
             moved = moved.max(0.2 * (nu / self.nu).ln().abs());
             self.nu = nu;
         }
@@ -270,7 +282,8 @@ impl RowsNoise {
     }
 }
 
-/// Degrees of freedom of Student's t that whitened residuals (squared length, numbers) and hyperprior prefer.
+/// Degrees of freedom of Student's t that whitened residuals (squared length, numbers that the model leaves free) and
+/// hyperprior prefer.
 fn tails(rows: &[(f64, f64)]) -> f64 {
     let density = |nu: f64| {
         let row = |&(d2, p): &(f64, f64)| {
@@ -299,12 +312,19 @@ fn tails(rows: &[(f64, f64)]) -> f64 {
 mod tests {
     use super::tails;
 
-    // Fails if normal residuals are given heavy tails, or heavy ones light tails.
+    // Fails if normal residuals are given heavy tails, or heavy ones light tails, or if rows that the model follows count
+    // as evidence of tails.
     #[test]
     fn tails_follow_the_residuals() {
         let normal: Vec<(f64, f64)> = (0..400).map(|k| (3.0 + 2.0 * f64::from(k % 3 - 1), 3.0)).collect();
         assert!(tails(&normal) > 20.0);
         let heavy: Vec<(f64, f64)> = (0..400).map(|k| (if k % 10 == 0 { 60.0 } else { 1.5 }, 3.0)).collect();
         assert!(tails(&heavy) < 5.0);
+        let followed = |share: f64| -> Vec<(f64, f64)> {
+            (0..20)
+                .map(|k| if k % 2 == 0 { (0.3, share) } else { (5.0, 5.0) })
+                .collect()
+        };
+        assert!(tails(&followed(0.3)) > 1.5 * tails(&followed(5.0)));
     }
 }

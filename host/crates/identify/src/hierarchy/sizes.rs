@@ -11,6 +11,7 @@
 use nalgebra::DMatrix;
 
 use super::constants::{ECCENTRIC_ORDERS, FACTORS, HARMONICS, SEAT_M, SEATS_NU};
+use super::open::Members;
 use crate::parameters::{Kind, Parameter};
 use crate::solve::Unknowns;
 
@@ -141,6 +142,13 @@ impl Sizes {
     pub(crate) fn set(&mut self, family: Family, size: f64) -> bool {
         let group = self.0.iter_mut().find(|group| group.family == family);
         group.map(|group| group.now = size).is_some()
+    }
+
+    /// Members of every group, and the standard deviation of the logarithm of its size.
+    pub(super) fn groups(&self, unknowns: &Unknowns) -> Vec<(Members, f64)> {
+        let member = |&(at, _): &(usize, f64)| (at, unknowns.precision[at]);
+        let of = |size: &Size| (size.members.iter().map(member).collect(), size.spread);
+        self.0.iter().map(of).collect()
     }
 
     /// Writes the priors that follow from the sizes.

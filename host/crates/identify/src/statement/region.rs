@@ -227,6 +227,19 @@ impl Maker<'_> {
             columns.rows_mut(3 * k, 3).copy_from(block);
         }
         let mut draws = &columns * self.unknowns;
+        let mut spread = &columns * &calibration.covariance;
+        taken.of_draws(&mut spread);
+        let effect = calibration.open.effect(&columns, &spread);
+        let chi = ChiSquared::new(self.freedom).ok();
+        // What the noise of each draw is, by that of the fit.
+        let noisy: Vec<f64> = (0..draws.ncols())
+            .map(|_| chi.map_or(1.0, |c| (self.freedom / c.sample(&mut self.random).max(1e-9)).sqrt()))
+            .collect();
+        for (mut column, noisy) in draws.column_iter_mut().zip(&noisy) {
+            let sizes = calibration.open.draw(&mut self.random);
+            column *= effect.factor(&sizes, *noisy);
+            column.gemv(1.0, &effect.shifts, &sizes, 1.0);
+        }
         for (k, posture) in postures.iter().enumerate() {
             let Some(factor) = &posture.factor else { continue };
             for mut column in draws.column_iter_mut() {
@@ -241,10 +254,8 @@ impl Maker<'_> {
             .sum::<f64>()
             * noise.joint_rad.powi(2)
             / count.max(1) as f64;
-        let chi = ChiSquared::new(self.freedom).ok();
         let tails = ChiSquared::new(noise.student_t).ok().filter(|_| noise.student_t > 0.0);
-        for mut column in draws.column_iter_mut() {
-            let common = chi.map_or(1.0, |c| (self.freedom / c.sample(&mut self.random).max(1e-9)).sqrt());
+        for (mut column, noisy) in draws.column_iter_mut().zip(&noisy) {
             for (k, (_, joints)) in own.iter().enumerate() {
                 let tail = tails.map_or(1.0, |c| (noise.student_t / c.sample(&mut self.random).max(1e-9)).sqrt());
                 let mut error = Vector3::from_fn(|_, _| normal(&mut self.random)) * own_noise;
@@ -252,7 +263,7 @@ impl Maker<'_> {
                     error += joint * (noise.joint_rad * normal(&mut self.random));
                 }
                 for axis in 0..3 {
-                    column[3 * k + axis] += error[axis] * common * tail;
+                    column[3 * k + axis] += error[axis] * noisy * tail;
                 }
             }
         }
