@@ -14,6 +14,7 @@ mod alike;
 pub(crate) mod constants;
 pub(crate) mod noise;
 pub(crate) mod open;
+mod scale;
 pub(crate) mod sizes;
 mod start;
 
@@ -21,12 +22,10 @@ use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
 
 use self::alike::Alike;
-use self::constants::{
-    FIRST_ROUNDS, HOPELESS, LARGEST_SCALE, ROUNDS, SCALE_EVIDENCE, SCALE_RESIDUAL, SETTLED, WRONG_SCALE,
-};
+use self::constants::{FIRST_ROUNDS, ROUNDS, SETTLED};
 use self::noise::{RowsNoise, Seen as SeenRows};
 use self::open::OpenSizes;
-use self::sizes::{Family, Sizes};
+use self::sizes::Sizes;
 use self::start::{check_targets, start_state};
 pub(crate) use self::start::{measured, prepare, register};
 use super::chain::{Prepared, State};
@@ -36,9 +35,8 @@ use super::load::Nominal;
 use super::normal::{Group, Normal, Whitening, accumulate, distances, groups, log_determinant};
 use super::options::{Model, Options};
 use super::parameter_table::table;
-use super::parameters::{Kind, Layout, Parameter};
+use super::parameters::{Layout, Parameter};
 use super::solve::{Posterior, Unknowns};
-use spherecal_model::statistics::median;
 use spherecal_model::{Experiment, Set};
 
 /// Fewest observations: their three numbers each must exceed the six of the base.
@@ -256,38 +254,6 @@ impl Found<'_> {
         self.posterior.log_evidence_at(unknowns, rows)
             + share * log_determinant(state, layout, prepared, &noise.whitening)
             - sizes.penalty()
-    }
-
-    /// This, or a search from here with a scale that is as wrong as a mistake makes it, whichever has the more evidence. A
-    /// single small parameter holds its own size down, so that the first search does not find this mode.
-    fn or_with_a_wrong_scale(self) -> Self {
-        let mut search = self.search.clone();
-        // Rows that the first search does not explain, of an arm of 1 m, are not a matter of the scale.
-        if self.median_m() > HOPELESS || !search.sizes.set(Family::Scale, WRONG_SCALE) {
-            return self;
-        }
-        // An arm that shrinks with its targets makes the noise of its joints small, and is no explanation.
-        let fits = |wide: &Found<'_>| {
-            wide.scale().abs() < LARGEST_SCALE
-                && wide.median_m() <= SCALE_RESIDUAL * self.median_m()
-                && wide.log_evidence() > self.log_evidence() + SCALE_EVIDENCE
-        };
-        search.run().ok().filter(fits).unwrap_or(self)
-    }
-
-    /// Median distance of the rows from their targets, in m.
-    fn median_m(&self) -> f64 {
-        let Search { state, prepared, .. } = &self.search;
-        let distance = |row: &Prepared| state.residual(row, &state.at(row).tcp).norm();
-        median(prepared.par_iter().map(distance).collect())
-    }
-
-    /// The estimated scale.
-    fn scale(&self) -> f64 {
-        let unknowns = &self.search.unknowns;
-        let mut pairs = unknowns.columns.iter().zip(unknowns.deviation.iter());
-        let scale = pairs.find(|(column, _)| self.search.table[**column].kind == Kind::Scale);
-        scale.map_or(0.0, |(_, deviation)| *deviation)
     }
 }
 
