@@ -14,14 +14,14 @@ const TAKEN: &str = "The fit and the stated error hold it";
 pub(super) fn diagnosed(evidence: &Evidence<'_>, expected: Option<&Expected>, checks: &mut Vec<Check>) {
     let Some(expected) = expected else { return };
     over_the_work_region(expected, checks);
-    causes(evidence, checks);
+    causes(evidence, expected, checks);
     places(evidence, checks);
     scale(evidence, checks);
     spheres(evidence, checks);
 }
 
 /// One check for each family of causes. What is named is a part of the fit, so it only qualifies the result.
-fn causes(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
+fn causes(evidence: &Evidence<'_>, expected: &Expected, checks: &mut Vec<Check>) {
     for test in &evidence.causes.families {
         let (name, sound) = match test.family {
             Family::Certificate => ("certificate", "every sphere is where its certificate says"),
@@ -50,7 +50,13 @@ fn causes(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
             each.join("; ")
         };
         let check = Check::new(name, Some(test.sigmas), Some(test.limit), found.is_empty(), words);
-        checks.push(check.qualifying());
+        let harm = found.iter().map(|f| f.harm_mm).fold(0.0, f64::max);
+        let weight = if found.is_empty() {
+            1.0
+        } else {
+            harm / expected.own.mean
+        };
+        checks.push(check.qualifying().weighing(weight));
     }
 }
 

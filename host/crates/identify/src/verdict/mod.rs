@@ -82,6 +82,9 @@ pub struct Check {
     pub refuses: bool,
     /// What was found, in words, with unit.
     pub words: String,
+    /// Of a cause, what it would do to the TCP, as a share of the expected error; else 1. Remarks have this order.
+    #[serde(skip)]
+    weight: f64,
 }
 
 impl Check {
@@ -94,6 +97,7 @@ impl Check {
             passed,
             refuses: true,
             words,
+            weight: 1.0,
         }
     }
 
@@ -101,6 +105,11 @@ impl Check {
     #[must_use]
     pub fn qualifying(self) -> Self {
         Self { refuses: false, ..self }
+    }
+
+    /// The same check with another weight among the remarks.
+    fn weighing(self, weight: f64) -> Self {
+        Self { weight, ..self }
     }
 }
 
@@ -208,7 +217,9 @@ pub fn verdict(evidence: &Evidence<'_>) -> Verdict {
     let checks = checks(evidence, expected.as_ref());
     let failed = |refuses: bool| checks.iter().filter(move |c| !c.passed && c.refuses == refuses);
     let may_be_used = failed(true).next().is_none();
-    let reasons = failed(true).chain(failed(false)).map(|c| c.words.clone()).collect();
+    let mut remarks: Vec<&Check> = failed(false).collect();
+    remarks.sort_by(|a, b| b.weight.total_cmp(&a.weight));
+    let reasons = failed(true).chain(remarks).map(|c| c.words.clone()).collect();
     let independent = evidence.table.is_some() || (evidence.judged.is_some() && !evidence.cross_validated);
     let means = match (independent, expected) {
         (false, Some(e)) => Some((e.nominal.work.mean, e.own.work.mean)),
