@@ -1,7 +1,6 @@
-//! Contact: the tare before it, the force condition with its dwell time, and the
-//! watch over a seated nest.
+//! Contact: the force condition with its dwell time, and the watch over a seated nest.
 //!
-//! Terms: the *tare* is the wrench that the observer shows at rest in free space;
+//! Terms: the *tare* is the force that the observer shows at rest in free space;
 //! it is model error. The *trigger* is the force against the approach at which
 //! contact is declared after it has lasted for the *dwell time*. The nest is
 //! *seated* when its three planes rest on the sphere.
@@ -9,37 +8,6 @@
 use nalgebra::{SMatrix, Vector3};
 use spherecal_shared::procedure::{Approach, Seating};
 use spherecal_shared::scalar::sqrt;
-
-use crate::law::Wrench;
-
-/// The mean wrench at rest.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Tare {
-    sum: Wrench,
-    count: u32,
-}
-
-impl Tare {
-    /// Adds one tick's wrench.
-    pub(crate) fn push(&mut self, wrench: &Wrench) {
-        self.sum.force += wrench.force;
-        self.sum.torque += wrench.torque;
-        self.count = self.count.saturating_add(1);
-    }
-
-    /// The mean; zero before the first tick.
-    pub(crate) fn mean(&self) -> Wrench {
-        let share = if self.count == 0 {
-            0.0
-        } else {
-            1.0 / f64::from(self.count)
-        };
-        Wrench {
-            force: self.sum.force * share,
-            torque: self.sum.torque * share,
-        }
-    }
-}
 
 /// The force condition of Algorithm 2, `setForceTrigger(7.5)`. It ignores impacts:
 /// the force must last, and the arm must stand still.
@@ -245,18 +213,5 @@ mod tests {
             }
             assert_eq!(found, lost, "{speed_rad_s}");
         }
-    }
-
-    #[test]
-    fn the_tare_is_a_mean() {
-        let mut tare = Tare::default();
-        assert_eq!(tare.mean(), Wrench::default());
-        let at = |x, z| Wrench {
-            force: Vector3::new(x, 0.0, z),
-            torque: Vector3::new(z, 0.0, x),
-        };
-        tare.push(&at(1.0, 2.0));
-        tare.push(&at(3.0, 0.0));
-        assert_eq!(tare.mean(), at(2.0, 1.0));
     }
 }

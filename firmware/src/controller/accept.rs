@@ -11,7 +11,7 @@ use super::{Configured, Controller};
 use crate::law::Wrench;
 use crate::motion::rotation_of;
 
-use crate::phases::{Activity, Decoupling, Env, Moving, PoseTarget, Taring, Turning};
+use crate::phases::{Activity, Decoupling, Departed, Env, Moving, PoseTarget, Taring, Turning};
 
 /// Largest distance between the TCP of a pose's posture and the present TCP, in m:
 /// the tool turns about the sphere, so the TCP stays in place.
@@ -65,6 +65,11 @@ impl<const N: usize> Controller<N> {
                     return Err(Refusal::Target);
                 }
                 let start = self.hold.q;
+                let external = *self.observer.residual();
+                self.departed = self.snapshot.as_ref().map(|snapshot| Departed {
+                    external,
+                    force: snapshot.point_force(&external),
+                });
                 self.with_env(|env, _| Activity::Moving(Moving::new(start, target, env)))
             }
             Command::Approach(approach) => self.accept_approach(approach),
@@ -76,6 +81,9 @@ impl<const N: usize> Controller<N> {
                 let hanging = self.may_be_on_sphere && matches!(self.activity, Activity::Idle);
                 if !(coupled || hanging) {
                     return Err(Refusal::Phase);
+                }
+                if !coupled {
+                    self.keep_disturbance();
                 }
                 self.with_env(|env, cartesian| {
                     if !coupled {
@@ -105,6 +113,8 @@ impl<const N: usize> Controller<N> {
                     self.giving = None;
                     // No filter keeps anything of the states that led to the fault.
                     self.forget();
+                    self.disturbance.reset();
+                    self.departed = None;
                     self.enter(Activity::Idle);
                 }
                 Ok(())
@@ -192,6 +202,8 @@ impl<const N: usize> Controller<N> {
         self.pressing.reset();
         self.shaper.reset();
         self.torque_loop.reset();
+        self.disturbance.reset();
+        self.departed = None;
         self.may_be_on_sphere = false;
         Ok(())
     }
@@ -217,6 +229,14 @@ impl<const N: usize> Controller<N> {
         Ok(())
     }
 
+    /// Takes over the disturbance estimate of the hold for the Cartesian spring: what is no force on the sphere.
+    fn keep_disturbance(&mut self) {
+        let Some(snapshot) = &self.snapshot else { return };
+        let change = -snapshot.unexplained(&self.disturbance.torque()) - self.observer.known();
+        let pole = self.procedure.law.observer_rad_s;
+        self.observer.explain(&change, self.safety.limits(), pole);
+    }
+
     /// Leaves a sphere that this controller does not know of.
     fn accept_retreat(&mut self, direction: [f64; 3]) -> Result<(), Refusal> {
         let direction = unit(direction).ok_or(Refusal::Target)?;
@@ -224,6 +244,7 @@ impl<const N: usize> Controller<N> {
         self.cartesian.direction = direction;
         self.cartesian.tare = Wrench::default();
         self.may_be_on_sphere = true;
+        self.keep_disturbance();
         self.with_env(|env, cartesian| {
             let soft =
                 crate::law::Stiffness::isotropic(env.procedure.couple.stiffness_n_m, env.procedure.law.rotation_nm_rad);
@@ -282,6 +303,9 @@ impl<const N: usize> Controller<N> {
         let env = Env {
             snapshot,
             wrench: self.wrench,
+            external: self.observer.residual(),
+            departed: self.departed.as_ref(),
+            excess: self.disturbance.excess(),
             tau: &self.measured,
             joint_speed: 0.0,
             force_n: 0.0,

@@ -6,9 +6,12 @@ use spherecal_shared::protocol::drive::DriveCommand;
 use spherecal_shared::protocol::host::{Fault, Stage};
 
 use super::{BLIND_S, Controller, STILL_FILTER};
-use crate::law::{JointSetpoint, Snapshot, Wrench, guide_torque, joint_torque, poles};
+use crate::law::{JointSetpoint, Snapshot, Wrench, beyond_sensors, guide_torque, joint_spring, poles};
 use crate::phases::{Activity, Env, Next};
-use crate::safety::{JointState, Violation};
+use crate::safety::{JointState, Touch, Violation};
+
+/// Rate at which what no force at the sphere explains is taken out of the external torque in a turn, in 1/s.
+const SEATED_PER_S: f64 = 5.0;
 
 impl<const N: usize> Controller<N> {
     /// A command of the session that asks for the brakes.
@@ -43,6 +46,7 @@ impl<const N: usize> Controller<N> {
     fn release(&mut self) {
         self.holding = false;
         self.shaper.reset();
+        self.disturbance.reset();
         self.forget();
     }
 
@@ -76,6 +80,10 @@ impl<const N: usize> Controller<N> {
         let torque_limits = configured.torque_limits;
         let speeds = configured.speeds;
         self.measured = state.tau;
+        if self.disturbance.starts() {
+            let beyond = SVector::from(state.tau) - snapshot.gravity;
+            self.disturbance.start(&beyond, self.safety.limits());
+        }
         self.wrench = self
             .observer
             .update(&snapshot, &state.tau, self.procedure.law.observer_rad_s, self.period_s);
@@ -215,6 +223,9 @@ impl<const N: usize> Controller<N> {
         let env = Env {
             snapshot,
             wrench: self.wrench,
+            external: self.observer.residual(),
+            departed: self.departed.as_ref(),
+            excess: self.disturbance.excess(),
             tau: &self.measured,
             joint_speed,
             force_n,
@@ -239,19 +250,40 @@ impl<const N: usize> Controller<N> {
                 return;
             }
         }
-        match self.activity.step(&env, &mut self.hold, &mut self.cartesian) {
+        let next = self.activity.step(&env, &mut self.hold, &mut self.cartesian);
+        let explained = self.explained(snapshot);
+        self.observer
+            .explain(&explained, self.safety.limits(), self.procedure.law.observer_rad_s);
+        match next {
             Next::Stay => {}
             Next::Enter(activity, event) => {
                 if let Some(event) = event {
                     self.queue_event(event);
                 }
-                // After a completed decoupling the nest is off the sphere.
-                if matches!((&self.activity, &activity), (Activity::Decoupling(_), Activity::Idle)) {
-                    self.may_be_on_sphere = false;
-                }
+                // After a completed decoupling the nest is off the sphere: all that is felt is a disturbance.
+                let freed = matches!((&self.activity, &activity), (Activity::Decoupling(_), Activity::Idle));
                 self.enter(activity);
+                if freed {
+                    self.may_be_on_sphere = false;
+                    self.disturbance.set(&-self.observer.residual(), self.safety.limits());
+                }
             }
             Next::Fail(violation) => self.fail(violation),
+        }
+    }
+
+    /// What is no contact of the external joint torque in this tick, in N m.
+    ///
+    /// While the nest turns on a sphere, which can only exert a force, it is what no force explains: the cables of the
+    /// tool. The tare says it itself.
+    fn explained(&mut self, snapshot: &Snapshot<N>) -> SVector<f64, N> {
+        let external = self.observer.residual();
+        match &self.activity {
+            Activity::Turning(_) => {
+                let torque = snapshot.unexplained(external);
+                beyond_sensors(&torque, self.safety.limits()) * (SEATED_PER_S * self.period_s)
+            }
+            _ => core::mem::replace(&mut self.cartesian.explained, SVector::zeros()),
         }
     }
 
@@ -272,17 +304,27 @@ impl<const N: usize> Controller<N> {
                 law.elbow_nm_rad,
                 law.elbow_damping_ratio,
             );
-            snapshot.joint_torque(&force) + null
+            snapshot.joint_torque(&force) + null - self.observer.known()
         } else if matches!(self.activity, Activity::HandGuiding) {
             let margin = self.procedure.limits.position_margin_rad;
             guide_torque(snapshot, &mut self.hold, self.safety.limits(), margin)
         } else {
-            let torque = joint_torque(snapshot, &self.hold, self.procedure.motion.natural_rad_s, 1.0);
+            let spring = joint_spring(snapshot, &self.hold, self.procedure.motion.natural_rad_s, 1.0);
             if let Some(giving) = &self.giving {
                 let margin = self.procedure.limits.position_margin_rad;
-                giving.follow(snapshot, &torque, &mut self.hold, self.safety.limits(), margin);
+                giving.follow(snapshot, &spring.torque, &mut self.hold, self.safety.limits(), margin);
             }
-            torque
+            let touch = self.activity.touch(self.may_be_on_sphere);
+            if matches!(touch, Touch::Rest | Touch::Free) {
+                self.disturbance.push(
+                    &spring,
+                    &self.hold.dq,
+                    self.safety.limits(),
+                    touch == Touch::Rest,
+                    self.period_s,
+                );
+            }
+            spring.torque + self.disturbance.torque()
         };
         torque += snapshot.coriolis;
         if !self.gravity_by_drive() {

@@ -30,8 +30,8 @@ use spherecal_shared::protocol::host::{Event, Fault, LoopTiming, Phase, Sample, 
 use spherecal_shared::robot::Arm;
 
 use crate::Report;
-use crate::law::{Giving, JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench};
-use crate::phases::{Activity, CartesianState};
+use crate::law::{Disturbance, Giving, JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench};
+use crate::phases::{Activity, CartesianState, Departed};
 use crate::safety::{Admission, Instability, Pressing, SafetyMonitor};
 use costs::Costs;
 pub use costs::Stopwatch;
@@ -75,6 +75,8 @@ pub struct Controller<const N: usize> {
     observer: Observer<N>,
     shaper: TorqueShaper<N>,
     torque_loop: TorqueLoop<N>,
+    disturbance: Disturbance<N>,
+    departed: Option<Departed<N>>,
     activity: Activity<N>,
     hold: JointSetpoint<N>,
     /// How the hold gives way after the fault of an arm that pressed on something.
@@ -123,6 +125,8 @@ impl<const N: usize> Default for Controller<N> {
             observer: Observer::default(),
             shaper: TorqueShaper::default(),
             torque_loop: TorqueLoop::default(),
+            disturbance: Disturbance::default(),
+            departed: None,
             activity: Activity::Idle,
             hold: JointSetpoint {
                 q: [0.0; N],

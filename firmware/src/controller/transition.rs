@@ -1,5 +1,6 @@
 //! Changes of phase, and faults.
 
+use nalgebra::{SVector, Vector6};
 use spherecal_shared::protocol::host::{Fault, FaultReport, PhaseChange};
 
 use super::Controller;
@@ -23,6 +24,7 @@ impl<const N: usize> Controller<N> {
         self.phase_ticks = 0;
         if leaves_cartesian {
             self.latch();
+            self.hand_over();
         }
         let phase = self.activity.phase();
         self.queue_event(Report::Phase(PhaseChange {
@@ -31,6 +33,18 @@ impl<const N: usize> Controller<N> {
             time_us: self.now_us,
             tick: self.tick,
         }));
+    }
+
+    /// Passes what is known to be no contact from the Cartesian spring to the joint spring.
+    fn hand_over(&mut self) {
+        let known = *self.observer.known();
+        let tare = &self.cartesian.tare.force;
+        let force = Vector6::new(tare.x, tare.y, tare.z, 0.0, 0.0, 0.0);
+        let by_tare = self.snapshot.as_ref().map(|snapshot| snapshot.joint_torque(&force));
+        let torque = -known - by_tare.unwrap_or_else(SVector::zeros);
+        self.disturbance.set(&torque, self.safety.limits());
+        let pole = self.procedure.law.observer_rad_s;
+        self.observer.explain(&-known, self.safety.limits(), pole);
     }
 
     /// Sets the joint setpoint to the present joint angles.
@@ -69,6 +83,9 @@ impl<const N: usize> Controller<N> {
                 self.pressing.rest_n()
             };
             self.giving = Some(Giving::new(snapshot.tcp.position, model_n));
+        }
+        if matches!(self.activity, Activity::Moving(_)) {
+            self.disturbance.forget_motion();
         }
         self.latch();
         self.queue_event(Report::Fault(report));

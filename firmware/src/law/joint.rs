@@ -36,19 +36,46 @@ pub fn joint_torque<const N: usize>(
     natural_rad_s: f64,
     ratio: f64,
 ) -> SVector<f64, N> {
+    joint_spring(snapshot, setpoint, natural_rad_s, ratio).torque
+}
+
+/// The joint spring at one tick.
+pub(crate) struct JointSpring<const N: usize> {
+    /// Its torque, in N m.
+    pub(crate) torque: SVector<f64, N>,
+    /// Errors of the joints, in rad.
+    pub(crate) error: SVector<f64, N>,
+    /// Stiffness against the error of each joint alone, in N m/rad.
+    pub(crate) stiffness: [f64; N],
+}
+
+/// As [`joint_torque`], with what it is made of.
+#[inline]
+pub(crate) fn joint_spring<const N: usize>(
+    snapshot: &Snapshot<N>,
+    setpoint: &JointSetpoint<N>,
+    natural_rad_s: f64,
+    ratio: f64,
+) -> JointSpring<N> {
     let error = SVector::<f64, N>::from_fn(|i, _| setpoint.q[i] - snapshot.q[i]);
     let rate = SVector::<f64, N>::from_fn(|i, _| setpoint.dq[i] - snapshot.dq[i]);
     let natural_rad_s = natural_rad_s.min(snapshot.fastest_rad_s);
     let wanted = error * (natural_rad_s * natural_rad_s) + rate * (2.0 * ratio * natural_rad_s);
     let mut torque = snapshot.mass.multiply(&wanted);
+    let mut stiffnesses = [0.0; N];
     for i in 0..N {
         let alone = SVector::<f64, N>::from_fn(|k, _| if k == i { 1.0 } else { 0.0 });
         let mobility = snapshot.mass.solve_lower(&alone).norm_squared();
         let stiffness = LEAST_STIFFNESS.min(snapshot.joint_rad_s * snapshot.joint_rad_s / mobility);
         let damping = (2.0 * ratio * sqrt(stiffness / mobility)).min(snapshot.joint_rad_s / mobility);
         torque[i] += stiffness * error[i] + damping * rate[i];
+        stiffnesses[i] = natural_rad_s * natural_rad_s * snapshot.inertia[i] + stiffness;
     }
-    torque
+    JointSpring {
+        torque,
+        error,
+        stiffness: stiffnesses,
+    }
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@
 //! dynamics of one tick; law and observer share it.
 
 mod damping;
+mod disturbance;
 #[cfg(test)]
 mod explicit_tests;
 mod giving;
@@ -22,9 +23,11 @@ mod stiffness;
 mod torque;
 mod torque_loop;
 
+pub(crate) use disturbance::{Disturbance, Excess, beyond_sensors};
 pub(crate) use giving::Giving;
 pub(crate) use guide::guide_torque;
 pub use impedance::{CartesianSetpoint, Impedance, rotation_error};
+pub(crate) use joint::joint_spring;
 pub use joint::{JointSetpoint, joint_torque};
 pub use null_space::NullSpace;
 pub use observer::{Observer, Wrench};

@@ -11,6 +11,10 @@
 
 use nalgebra::{SVector, Vector3};
 
+use spherecal_shared::robot::JointLimits;
+use spherecal_shared::scalar::bounded;
+
+use super::disturbance::most;
 use super::snapshot::Snapshot;
 
 /// A wrench at the TCP in F0, of the environment on the arm.
@@ -27,6 +31,8 @@ pub struct Wrench {
 pub struct Observer<const N: usize> {
     integral: SVector<f64, N>,
     residual: SVector<f64, N>,
+    /// The part of the external torque that is known to be no contact, in N m.
+    known: SVector<f64, N>,
     started: bool,
 }
 
@@ -35,6 +41,7 @@ impl<const N: usize> Default for Observer<N> {
         Self {
             integral: SVector::zeros(),
             residual: SVector::zeros(),
+            known: SVector::zeros(),
             started: false,
         }
     }
@@ -56,7 +63,8 @@ impl<const N: usize> Observer<N> {
             self.integral = snapshot.momentum;
         }
         for i in 0..N {
-            let rate = measured[i] + snapshot.transposed_coriolis[i] - snapshot.gravity[i] + self.residual[i];
+            let rate =
+                measured[i] + self.known[i] + snapshot.transposed_coriolis[i] - snapshot.gravity[i] + self.residual[i];
             self.integral[i] += rate * period_s;
             self.residual[i] = pole * (snapshot.momentum[i] - self.integral[i]);
         }
@@ -67,7 +75,25 @@ impl<const N: usize> Observer<N> {
         }
     }
 
-    /// The residual: external joint torque, in N m.
+    /// Takes `torque` (N m) out of the residual, without delay: it is no contact. The law has to compensate what is
+    /// [`known`](Self::known). Each joint's part keeps within `most` of its limits.
+    #[inline]
+    pub(crate) fn explain(&mut self, torque: &SVector<f64, N>, limits: &[JointLimits; N], pole: f64) {
+        for i in 0..N {
+            let known = bounded(self.known[i] + torque[i], most(&limits[i])).unwrap_or(0.0);
+            let moved = known - self.known[i];
+            self.known[i] = known;
+            self.residual[i] -= moved;
+            self.integral[i] += moved / pole;
+        }
+    }
+
+    /// The part of the external joint torque that is known to be no contact, in N m.
+    pub(crate) fn known(&self) -> &SVector<f64, N> {
+        &self.known
+    }
+
+    /// The residual: external joint torque beyond what is known, in N m.
     pub fn residual(&self) -> &SVector<f64, N> {
         &self.residual
     }

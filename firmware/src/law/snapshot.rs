@@ -272,6 +272,16 @@ impl<const N: usize> Snapshot<N> {
         Cholesky::new(&normal).map_or(force, |factor| factor.solve(&force))
     }
 
+    /// What no force at the TCP explains of an external joint torque (N m), in N m.
+    #[inline]
+    pub(crate) fn unexplained(&self, external: &SVector<f64, N>) -> SVector<f64, N> {
+        let force = self.point_force(external);
+        SVector::from_fn(|k, _| {
+            let by_force = (0..3).map(|i| self.jacobian[(i, k)] * force[i]).sum::<f64>();
+            external[k] - by_force
+        })
+    }
+
     /// Force on the TCP (F0, in N) that leaves it unaccelerated under a moment `moment` (F0, in N m)
     /// and the present joint speeds: with the mobility `B = J M⁻¹ Jᵀ` it is
     /// `−B_tt⁻¹ (B_tr m + J̇ q̇)`. It is bounded, because near singularities it need not be.

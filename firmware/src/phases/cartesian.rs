@@ -1,6 +1,6 @@
 //! State that the Cartesian phases share.
 
-use nalgebra::{Matrix3, Vector3, Vector6};
+use nalgebra::{Matrix3, SVector, Vector3, Vector6};
 use spherecal_shared::robot::elbow::elbow;
 
 use super::Env;
@@ -14,8 +14,11 @@ pub(crate) struct CartesianState<const N: usize> {
     pub(crate) sphere: u32,
     /// Direction of the approach in F0, a unit vector.
     pub(crate) direction: Vector3<f64>,
-    /// The tare, F0: a wrench that is model error. The law compensates it, too.
+    /// The tare, F0: a wrench that is model error. The law compensates it, too. What no wrench explains is
+    /// [`explained`](Self::explained).
     pub(crate) tare: Wrench,
+    /// What the phase takes out of the external joint torque in this tick, in N m: it is no contact.
+    pub(crate) explained: SVector<f64, N>,
     /// Computed TCP at contact, in m.
     pub(crate) contact: Vector3<f64>,
     /// The watch over the seated nest.
@@ -34,6 +37,7 @@ impl<const N: usize> Default for CartesianState<N> {
             sphere: 0,
             direction: Vector3::zeros(),
             tare: Wrench::default(),
+            explained: SVector::zeros(),
             contact: Vector3::zeros(),
             watch: SeatingWatch::default(),
             impedance: Impedance::new(Stiffness::isotropic(0.0, 0.0)),
@@ -79,12 +83,6 @@ impl<const N: usize> CartesianState<N> {
         let law = &env.procedure.law;
         let to = Stiffness::isotropic(stiffness_n_m, law.rotation_nm_rad);
         self.impedance.ramp_to(to, law.stiffness_ramp_s, env.period_s);
-    }
-
-    /// Tared force of the environment against the approach, in N: positive when
-    /// the arm pushes on the sphere.
-    pub(crate) fn contact_force(&self, env: &Env<'_, N>) -> f64 {
-        -self.direction.dot(&(env.wrench.force - self.tare.force))
     }
 
     /// Whether the orientation error is certainly less than `angle` (rad, at most
@@ -157,18 +155,14 @@ mod tests {
         assert_eq!(cartesian.null_space, NullSpace::Free);
     }
 
-    // Fails if the tare is not taken off the force against the approach, or has another sign in what
-    // the law compensates.
+    // Fails if the tare has another sign in what the law compensates.
     #[test]
-    fn the_tare_is_taken_off() {
-        let mut scene = Scene::new();
-        let mut cartesian = scene.engaged(Vector3::new(0.0, 0.6, -0.8));
+    fn the_tare_is_compensated() {
+        let mut cartesian = Scene::new().engaged(Vector3::new(0.0, 0.6, -0.8));
         cartesian.tare = Wrench {
             force: Vector3::new(1.0, 2.0, 3.0),
             torque: Vector3::new(0.1, 0.2, 0.3),
         };
-        scene.wrench.force = Vector3::new(9.0, 2.0 - 6.0, 3.0 + 8.0);
-        assert!((cartesian.contact_force(&scene.env()) - 10.0).abs() < 1e-12);
         let sum = cartesian.compensation(Vector3::new(10.0, 20.0, 30.0));
         assert!((sum - Vector6::new(9.0, 18.0, 27.0, -0.1, -0.2, -0.3)).norm() < 1e-12);
     }

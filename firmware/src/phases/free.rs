@@ -6,6 +6,7 @@ use super::speed_scaling::{SpeedScaling, joint_load, tcp_load};
 use super::{Activity, Env, Next, REST_SPEED_RAD_S};
 use crate::law::JointSetpoint;
 use crate::motion::JointMove;
+use crate::safety::Violation;
 
 /// A motion of all joints.
 #[derive(Clone, Debug)]
@@ -52,9 +53,12 @@ impl<const N: usize> Moving<N> {
             *speed *= scaling;
         }
         let motion = &env.procedure.motion;
-        let mut worst = 0.0f64;
-        for (wanted, is) in hold.q.iter().zip(&env.snapshot.q) {
-            worst = worst.max((wanted - is).abs());
+        let (mut worst, mut joint) = (0.0f64, 0);
+        for i in 0..N {
+            let error = (hold.q[i] - env.snapshot.q[i]).abs();
+            if error > worst {
+                (worst, joint) = (error, i as u8 + 1);
+            }
         }
         let limits = &env.procedure.limits;
         if worst > limits.path_rad {
@@ -81,7 +85,14 @@ impl<const N: usize> Moving<N> {
             return Next::Enter(Activity::Idle, None);
         }
         if self.over_s > motion.settle_s {
-            return Next::fail(Fault::MotionTimeout, worst, motion.tolerance_rad);
+            let timeout = Violation {
+                joint,
+                ..Violation::new(Fault::MotionTimeout, worst, motion.tolerance_rad)
+            };
+            return Next::Fail(env.excess.map_or(timeout, |excess| Violation {
+                joint: excess.joint,
+                ..Violation::new(Fault::Disturbance, excess.torque, excess.limit)
+            }));
         }
         Next::Stay
     }
@@ -90,6 +101,7 @@ impl<const N: usize> Moving<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::law::Excess;
     use crate::phases::scene::Scene;
     use crate::testing::HOME;
 
@@ -178,5 +190,29 @@ mod tests {
         let (tick, fault) = run(&mut scene, 0.0, 0.0, 9_000).expect("something holds it");
         assert!(tick.abs_diff(3_048) <= 2, "{tick}");
         assert_eq!(fault.map_err(|found| found.0), Err(Fault::PathDeviation));
+    }
+
+    // Fails if a motion that does not reach its target names another joint than the worst, or takes a disturbance beyond
+    // its bound for friction.
+    #[test]
+    fn a_motion_names_the_joint_that_does_not_come() {
+        let reported = |excess: Option<Excess>| {
+            let mut scene = Scene::new();
+            scene.excess = excess;
+            let mut hold = JointSetpoint { q: HOME, dq: [0.0; 7] };
+            let mut phase = Moving::new(HOME, HOME, &scene.env());
+            scene.snapshot.q[4] -= 0.03;
+            (1..4_000).find_map(|_| match phase.step(&scene.env(), &mut hold) {
+                Next::Fail(found) => Some((found.fault, found.joint, found.limit)),
+                _ => None,
+            })
+        };
+        assert_eq!(reported(None), Some((Fault::MotionTimeout, 5, 0.02)));
+        let excess = Excess {
+            joint: 7,
+            torque: 3.9,
+            limit: 3.3,
+        };
+        assert_eq!(reported(Some(excess)), Some((Fault::Disturbance, 7, 3.3)));
     }
 }

@@ -38,38 +38,41 @@ fn origin() -> (Scene, CartesianState<7>) {
 // Fails if the tare is a fault at its limit, or begins or ends another tick than the first at its time.
 #[test]
 fn of_the_tare() {
-    let tare = |newton: f64| {
+    let tare = |limit: fn(f64) -> f64| {
         let (mut scene, mut cartesian) = origin();
+        scene.external[1] = 5.0;
+        let size = scene.snapshot.point_force(&scene.external).norm();
+        scene.procedure.approach.tare_limit_n = limit(size);
         scene.procedure.approach.tare_s = 0.5;
         let mut phase = Taring::default();
         scene.elapsed_s = 0.3;
-        scene.wrench.force.x = newton;
         assert!(matches!(phase.step(&scene.env(), &mut cartesian), Next::Stay));
         scene.elapsed_s = 0.8;
         let end = phase.step(&scene.env(), &mut cartesian);
         (
-            cartesian.tare.force.x,
+            cartesian.tare.force.norm() == size,
             fault(&end),
             matches!(end, Next::Enter(Activity::Approaching(_), None)),
         )
     };
-    assert_eq!(tare(12.0), (12.0, None, true));
+    assert_eq!(tare(|size| size), (true, None, true));
     // What is refused is not compensated.
-    assert_eq!(tare(next(12.0)), (0.0, Some(Fault::Tare), false));
+    let below = |size: f64| size * (1.0 - f64::EPSILON);
+    assert_eq!(tare(below), (false, Some(Fault::Tare), false));
 }
 
 // Fails if travel, plate or lag of an approach are a fault at their limits; or if a force of exactly
 // 2 N counts as a contact.
 #[test]
 fn of_an_approach() {
-    let step = |down: f64, aside: f64, plate: f64| {
+    let step = |down: f64, up: f64, plate: f64| {
         let (mut scene, mut cartesian) = origin();
         scene.procedure.approach.travel_m = 0.25;
         scene.procedure.approach.speed_m_s = 1e-30;
         scene.procedure.limits.path_m = 0.5;
         scene.procedure.limits.plate_offset_m = -plate;
         let mut phase = Approaching::new(&scene.env(), &cartesian);
-        scene.snapshot.tcp.position = Vector3::new(aside, 0.0, -down);
+        scene.snapshot.tcp.position = Vector3::new(0.0, 0.0, up - down);
         fault(&phase.step(&scene.env(), &mut cartesian))
     };
     assert_eq!(

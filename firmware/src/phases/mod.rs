@@ -28,6 +28,7 @@ mod scene;
 mod speed_scaling;
 mod turn;
 
+use nalgebra::{SVector, Vector3};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{Fault, Phase};
 use spherecal_shared::robot::JointLimits;
@@ -41,7 +42,7 @@ pub(crate) use record::RecordingPose;
 pub(crate) use turn::{PoseTarget, Turning};
 
 use crate::Report;
-use crate::law::{JointSetpoint, Snapshot, Wrench};
+use crate::law::{Excess, JointSetpoint, Snapshot, Wrench};
 use crate::safety::{Ends, Touch, Violation};
 
 /// Time for which the arm must be still to count as settled, in s.
@@ -50,6 +51,15 @@ const STILL_S: f64 = 0.020;
 /// space is finished, in rad/s.
 const REST_SPEED_RAD_S: f64 = 0.02;
 
+/// What is felt at rest where a motion begins: another posture than that at its end.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Departed<const N: usize> {
+    /// Estimated external joint torque, in N m.
+    pub(crate) external: SVector<f64, N>,
+    /// The force at the TCP that explains it best, F0, in N.
+    pub(crate) force: Vector3<f64>,
+}
+
 /// What a phase sees at one tick.
 #[derive(Debug)]
 pub(crate) struct Env<'a, const N: usize> {
@@ -57,6 +67,12 @@ pub(crate) struct Env<'a, const N: usize> {
     pub(crate) snapshot: &'a Snapshot<N>,
     /// Estimated wrench of the environment at the TCP, not tared, F0.
     pub(crate) wrench: Wrench,
+    /// Estimated external joint torque, in N m.
+    pub(crate) external: &'a SVector<f64, N>,
+    /// What was felt where the last motion began.
+    pub(crate) departed: Option<&'a Departed<N>>,
+    /// A joint whose disturbance is beyond what the law compensates.
+    pub(crate) excess: Option<Excess>,
     /// Measured torques, in N m.
     pub(crate) tau: &'a [f64; N],
     /// Speed of the fastest joint, low-pass filtered, in rad/s.
@@ -108,7 +124,7 @@ pub(crate) enum Activity<const N: usize> {
     /// Moves in free space.
     Moving(Moving<N>),
     /// Averages the wrench at rest.
-    Taring(Taring),
+    Taring(Taring<N>),
     /// Descends to the sphere.
     Approaching(Approaching),
     /// Holds softly after contact.

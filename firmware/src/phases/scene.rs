@@ -1,17 +1,20 @@
 //! What a phase sees, made by hand: for the unit tests of single phases.
 
-use nalgebra::Vector3;
+use nalgebra::{SVector, Vector3};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::robot::{Arm, JointLimits, iiwa7, iiwa7_tool};
 
-use super::{CartesianState, Env};
-use crate::law::{Snapshot, Stiffness, Wrench};
+use super::{CartesianState, Departed, Env};
+use crate::law::{Excess, Snapshot, Stiffness, Wrench};
 use crate::testing::HOME;
 
 /// The built-in arm at home, at rest, and what the controller would know of it.
 pub(super) struct Scene {
     pub(super) snapshot: Snapshot<7>,
     pub(super) wrench: Wrench,
+    pub(super) external: SVector<f64, 7>,
+    pub(super) departed: Option<Departed<7>>,
+    pub(super) excess: Option<Excess>,
     pub(super) joint_speed: f64,
     pub(super) force_n: f64,
     pub(super) elapsed_s: f64,
@@ -30,6 +33,9 @@ impl Scene {
         Self {
             snapshot: Snapshot::new(&arm, q, dq).expect("a mass matrix"),
             wrench: Wrench::default(),
+            external: SVector::zeros(),
+            departed: None,
+            excess: None,
             joint_speed: 0.0,
             force_n: 0.0,
             elapsed_s: 0.0,
@@ -44,6 +50,9 @@ impl Scene {
         Env {
             snapshot: &self.snapshot,
             wrench: self.wrench,
+            external: &self.external,
+            departed: self.departed.as_ref(),
+            excess: self.excess,
             tau: &[0.0; 7],
             joint_speed: self.joint_speed,
             force_n: self.force_n,

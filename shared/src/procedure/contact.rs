@@ -8,7 +8,9 @@ use serde::{Deserialize, Serialize};
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Approach {
-    /// Translational stiffness across the approach (two axes) and along it, in N/m.
+    /// Translational stiffness across the approach (two axes) and along it, in N/m, once something stops the TCP.
+    /// Before, it is at least 400 N/m across and 200 N/m along: the play of torque sensors would drive a softer arm off its
+    /// line.
     pub stiffness_n_m: [f64; 3],
     /// Speed of the setpoint, in m/s.
     pub speed_m_s: f64,
@@ -33,8 +35,8 @@ pub struct Approach {
     /// counts as missed.
     pub travel_m: f64,
     /// Integral gain, in N/(m s), of the force that keeps the arm on its line
-    /// against joint friction until it feels a force; 0 turns it off. The spring of
-    /// 50 N/m alone may be held 30 mm beside the line.
+    /// against joint friction until something stops it; 0 turns it off. It belongs to a spring of 50 N/m, which friction
+    /// may hold 30 mm beside the line; with the 400 N/m of free motion it is eight times as large.
     pub line_n_m_s: f64,
 }
 

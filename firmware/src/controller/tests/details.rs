@@ -275,7 +275,7 @@ fn the_times_to_settle_are_those_of_the_procedure() {
         target[0] = 0.01;
         bench.go(&target).expect("idle");
         bench.blocked = true;
-        fault_after_us(&mut bench, Phase::Moving, 8_000, Fault::MotionTimeout)
+        fault_after_us(&mut bench, Phase::Moving, 8_000, Fault::Disturbance)
     };
     let turning = |settle_s: f64| {
         let mut procedure = Bench::fast_procedure();

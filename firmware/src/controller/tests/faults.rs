@@ -19,6 +19,7 @@ fn a_blocked_arm_deviates_from_its_path() {
     bench.expect_fault(Fault::PathDeviation, Phase::Moving);
 }
 
+// Fails if a motion of a blocked arm never ends, or the joint that is held is not named.
 #[test]
 fn a_move_that_does_not_settle_times_out() {
     let mut procedure = Bench::fast_procedure();
@@ -29,7 +30,8 @@ fn a_move_that_does_not_settle_times_out() {
     bench.go(&target).expect("idle");
     bench.blocked = true;
     bench.until_fault(3_000);
-    bench.expect_fault(Fault::MotionTimeout, Phase::Moving);
+    bench.expect_fault(Fault::Disturbance, Phase::Moving);
+    assert_eq!(bench.faults()[0].joint, 1);
 }
 
 // Fails if an arm that something holds slows down and is never stopped.

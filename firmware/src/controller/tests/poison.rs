@@ -57,6 +57,12 @@ fn second_after(controller: &mut Controller<7>, from: u64) -> (Vec<f64>, [f64; 3
         last = tick(controller, &standing(from + k));
     }
     assert_eq!(controller.phase(), Phase::Idle, "the move ends");
+    // These states do not answer the torques, so an angle that was wrong for a tick stays in the integral of the disturbance
+    // estimate, and the torque loop adds its gain times as much. An arm that moves takes it out again.
+    let share = 1.0 + controller.procedure().law.torque_loop_gain;
+    for (tau, disturbance) in last.iter_mut().zip(&controller.disturbance.torque()) {
+        *tau -= share * disturbance;
+    }
     (last, controller.contact_force().into())
 }
 

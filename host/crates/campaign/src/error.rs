@@ -309,6 +309,9 @@ pub fn remedy(fault: Fault) -> &'static str {
             "the arm pressed on something, or something pressed on it: clear the path, and check the waypoints, the declared \
              tool mass, and that the nest turns freely on the sphere and comes off it"
         }
+        Fault::Disturbance => {
+            "something holds the joint: loosen cables and hoses there, have its torque sensor zeroed, and check payload and friction"
+        }
         Fault::Internal => "this is a defect of the controller: report it with the database",
     }
 }

@@ -31,7 +31,7 @@ pub struct Policy {
 }
 
 /// Every fault that a controller declares.
-pub const FAULTS: [Fault; 24] = [
+pub const FAULTS: [Fault; 25] = [
     Fault::JointPosition,
     Fault::JointVelocity,
     Fault::JointTorque,
@@ -56,6 +56,7 @@ pub const FAULTS: [Fault; 24] = [
     Fault::Unstable,
     Fault::KineticEnergy,
     Fault::Pressing,
+    Fault::Disturbance,
 ];
 
 /// After this long without a frame the controller counts as lost, in s: it was reset, or the link
@@ -198,6 +199,13 @@ pub fn policy(fault: Fault) -> Policy {
             GIVES_WAY,
             2.0,
             true,
+        ),
+        Fault::Disturbance => (
+            "a free motion does not reach its target 3 s past its end, and a joint needs more than 1/12 of its torque limit (2 to 10 N m) beyond the model",
+            3001,
+            HOLDS,
+            2.0,
+            false,
         ),
     };
     Policy {

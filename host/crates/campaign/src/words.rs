@@ -9,7 +9,7 @@ fn unit(report: &FaultReport) -> (f64, &'static str) {
     match report.fault {
         Fault::JointPosition | Fault::PositionJump => degrees,
         Fault::JointVelocity => (degrees.0, "degrees/s"),
-        Fault::JointTorque | Fault::TorqueSensor => (1.0, "N m"),
+        Fault::JointTorque | Fault::TorqueSensor | Fault::Disturbance => (1.0, "N m"),
         Fault::Force | Fault::Tare | Fault::Pressing => (1.0, "N"),
         Fault::PathDeviation if report.phase == Phase::Approaching => millimetres,
         Fault::PathDeviation => degrees,

@@ -247,6 +247,8 @@ pub enum Fault {
     KineticEnergy,
     /// The arm presses on something for too long.
     Pressing,
+    /// A joint needs more torque to reach its target than the law may give against a disturbance.
+    Disturbance,
 }
 
 /// A fault with its time, phase and cause.

@@ -8,8 +8,8 @@ use spherecal_shared::procedure::{Approach, Limits, Seating};
 use spherecal_shared::robot::{Arm, iiwa7, iiwa7_tool};
 
 use super::row;
-use crate::contact::{ContactTrigger, SeatingWatch, Tare};
-use crate::law::{Shaped, Snapshot, Wrench};
+use crate::contact::{ContactTrigger, SeatingWatch};
+use crate::law::{Shaped, Snapshot};
 use crate::recorder::{Recorder, RecorderSample};
 use crate::safety::{Ends, JointState, Pressing, SafetyMonitor, Touch, Violation};
 use crate::testing::{Digest, HOME, random};
@@ -163,7 +163,6 @@ fn presses(digest: &mut Digest) {
 
 fn contacts(digest: &mut Digest) {
     let mut trigger = ContactTrigger::default();
-    let mut tare = Tare::default();
     for k in 0..6_000 {
         let at = k / 17;
         let force = if random(at) > 0.6 { 7.5 } else { 7.5 + random(at) };
@@ -172,12 +171,6 @@ fn contacts(digest: &mut Digest) {
         digest.count(u64::from(found) * 1_000 + u64::from(trigger.latency_ticks()));
         digest.count(u64::from(trigger.early_crossings()));
         digest.numbers(&[trigger.peak_n()]);
-        tare.push(&Wrench {
-            force: Vector3::new(force, speed, random(k)),
-            torque: Vector3::new(random(k + 1), force, speed),
-        });
-        let mean = tare.mean();
-        digest.numbers(mean.force.iter().chain(&mean.torque));
     }
 }
 

@@ -63,6 +63,7 @@ const DISTURBED: &[Fault] = &[
     Fault::TorqueSensor,
     Fault::Workspace,
     Fault::Pressing,
+    Fault::Disturbance,
 ];
 
 /// The same for an arm whose encoder sticks; when it is free again, its angle jumps.
@@ -77,6 +78,7 @@ const STUCK: &[Fault] = &[
     Fault::NotSeated,
     Fault::TorqueSensor,
     Fault::Pressing,
+    Fault::Disturbance,
 ];
 
 /// The same for a drive that freezes during a recording: the arm rests, so a state that repeats tells nothing before
