@@ -30,8 +30,7 @@ const STOPPED_SHARE: f64 = 0.25;
 /// Rate at which the force on a TCP that moves freely counts as an error of the torque sensors, in 1/s: their play
 /// changes sides on the way down.
 const ERROR_PER_S: f64 = 4.0;
-/// Largest distance of the TCP from its line for longer than a push, in m and s. The sphere pushes a nest to the side by
-/// 12 mm at most.
+/// Largest distance from its line of a TCP that nothing stops, for longer than a push, in m and s.
 const ASIDE_M: f64 = 0.025;
 const ASIDE_S: f64 = 0.3;
 /// Largest force that keeps the arm on its line, in N. Friction of 2 N m at the
@@ -222,7 +221,7 @@ impl Approaching {
         }
         let error = cartesian.setpoint.position - tcp;
         let aside = (error - cartesian.direction * error.dot(&cartesian.direction)).norm();
-        self.aside_s = if aside > ASIDE_M {
+        self.aside_s = if aside > ASIDE_M && !self.stopped {
             self.aside_s + env.period_s
         } else {
             0.0

@@ -71,7 +71,7 @@ pub(super) const TABLE: &[(&str, &str, u64)] = &[
     ("no sphere on the way", "NoContact in Approaching, Idle", 0xf40dfcde98b6a2ab),
     ("no sphere above the plate", "NoContact in Approaching, Idle", 0xf0a419128dbb656d),
     ("an arm that hangs on its way down", "PathDeviation in Approaching, Idle", 0x6604cbd071a6d8ba),
-    ("an arm that is pushed on its way down", "PathDeviation in Approaching, Idle", 0xbcfbd6c2a994cc50),
+    ("an arm that is pushed on its way down", "JointVelocity in Approaching, Idle", 0xd7a0978aecfc5a1d),
     ("an impact before the sphere", "Approaching", 0xbe82692f8bdae1f2),
     ("a nest that wanders while it is seated", "NotSeated in Coupling, Idle", 0x1a88498f4d983ad3),
     ("a nest that stays loose", "NotSeated in Coupling, Idle", 0xea81cb461ed7124f),
