@@ -289,6 +289,7 @@ impl<const N: usize> Controller<N> {
             posture,
             record: command.record,
         };
+        self.observer.keep();
         self.with_env(|env, cartesian| Activity::Turning(Turning::new(pose, env, cartesian)))
     }
 

@@ -262,10 +262,14 @@ impl<const N: usize> Controller<N> {
                 }
                 // After a completed decoupling the nest is off the sphere: all that is felt is a disturbance.
                 let freed = matches!((&self.activity, &activity), (Activity::Decoupling(_), Activity::Idle));
+                let moved = matches!(self.activity, Activity::Moving(_));
                 self.enter(activity);
                 if freed {
                     self.may_be_on_sphere = false;
                     self.disturbance.set(&-self.observer.residual(), self.safety.limits());
+                }
+                if freed || moved {
+                    self.disturbance.free();
                 }
             }
             Next::Fail(violation) => self.fail(violation),

@@ -84,8 +84,13 @@ impl<const N: usize> Controller<N> {
             };
             self.giving = Some(Giving::new(snapshot.tcp.position, model_n));
         }
-        if matches!(self.activity, Activity::Moving(_)) {
-            self.disturbance.forget_motion();
+        match self.activity {
+            Activity::Moving(_) => self.disturbance.forget_motion(),
+            Activity::Turning(_) => {
+                let pole = self.procedure.law.observer_rad_s;
+                self.observer.forget_turn(self.safety.limits(), pole);
+            }
+            _ => {}
         }
         self.latch();
         self.queue_event(Report::Fault(report));

@@ -7,6 +7,9 @@
 //!
 //! After closed brakes, and after a sphere, it starts from the torque that the sensors show beyond gravity: a light
 //! wrist would be thrown by its cable.
+//!
+//! Until a motion or a release has shown that the nest is free, the estimate of a hold stays as it is: the magnet of a
+//! sphere may draw the nest in, and a hold that takes this for a disturbance pulls against the magnet, more and more.
 
 use super::joint::JointSpring;
 use nalgebra::SVector;
@@ -52,6 +55,8 @@ pub(crate) struct Disturbance<const N: usize> {
     rest: SVector<f64, N>,
     /// A joint whose disturbance is beyond its bound.
     excess: Option<Excess>,
+    /// Whether it is known that the nest is on no sphere.
+    free: bool,
 }
 
 /// A joint whose disturbance is larger than the law may compensate.
@@ -71,6 +76,7 @@ impl<const N: usize> Default for Disturbance<N> {
             torque: None,
             rest: SVector::zeros(),
             excess: None,
+            free: false,
         }
     }
 }
@@ -104,13 +110,18 @@ impl<const N: usize> Disturbance<N> {
         self.torque = Some(self.rest);
     }
 
+    /// Says that the nest is on no sphere: a motion or a release has ended well.
+    pub(crate) fn free(&mut self) {
+        self.free = true;
+    }
+
     /// The torque that the law adds, in N m.
     pub(crate) fn torque(&self) -> SVector<f64, N> {
         self.torque.unwrap_or(self.rest)
     }
 
     /// Takes one tick of `period_s` (s) in free space: the joint spring, the speeds of its setpoint (rad/s), and the joints'
-    /// limits. `stands` says that the arm is not in a motion.
+    /// limits. `stands` says that the arm is not in a motion: then it does nothing until the nest is known to be [free](Self::free).
     #[inline]
     pub(crate) fn push(
         &mut self,
@@ -120,8 +131,11 @@ impl<const N: usize> Disturbance<N> {
         stands: bool,
         period_s: f64,
     ) {
-        let mut torque = self.torque();
         self.excess = None;
+        if stands && !self.free {
+            return;
+        }
+        let mut torque = self.torque();
         for i in 0..N {
             let near = NEAR_RAD[usize::from(speeds[i] != 0.0)];
             let beyond = spring.error[i] - spring.error[i].max(-near).min(near);
@@ -178,6 +192,7 @@ mod tests {
         setpoint.q[6] += error;
         let spring = joint_spring(&snapshot(), &setpoint, 20.0, 1.0);
         let mut estimate = Disturbance::default();
+        estimate.free();
         for _ in 0..1_000 {
             estimate.push(&spring, &setpoint.dq, &limits(), true, 1e-3);
         }
@@ -241,6 +256,27 @@ mod tests {
         assert_eq!(estimate.torque(), rest);
     }
 
+    // Fails if a hold takes the pull of a magnet for a disturbance before the nest is known to be free, or again after the
+    // brakes were closed; or if a motion, which the guard watches, is held off its target then.
+    #[test]
+    fn a_hold_learns_nothing_until_the_nest_is_free() {
+        let mut setpoint = JointSetpoint { q: HOME, dq: [0.0; 7] };
+        setpoint.q[1] += 0.01;
+        let spring = joint_spring(&snapshot(), &setpoint, 20.0, 1.0);
+        let hold = |estimate: &mut Disturbance<7>, stands: bool| {
+            let before = estimate.torque()[1];
+            estimate.push(&spring, &setpoint.dq, &limits(), stands, 1e-3);
+            estimate.torque()[1] > before
+        };
+        let mut estimate = Disturbance::default();
+        assert_eq!((hold(&mut estimate, true), hold(&mut estimate, false)), (false, true));
+        assert!(!hold(&mut estimate, true));
+        estimate.free();
+        assert!(hold(&mut estimate, true));
+        estimate.reset();
+        assert!(!hold(&mut estimate, true));
+    }
+
     // Fails if an estimate starts from the bias of a sensor, or from a drive that shows no torque while its brakes are
     // closed; or does not start from the torque of a cable.
     #[test]
@@ -276,5 +312,20 @@ mod tests {
         assert!(observer.residual().amax() < 1e-12);
         assert!(run(&mut observer).abs() < 1e-6);
         assert!((observer.known()[6] - 1.0).abs() < 1e-6);
+    }
+
+    // Fails if what a turn has made known outlives its fault, or what was known before does not; or if the residual, of
+    // which it was taken out, does not get it back.
+    #[test]
+    fn a_fault_forgets_what_a_turn_has_made_known() {
+        let (limits, pole) = (limits(), 60.0);
+        let mut observer = Observer::<7>::default();
+        let (before, added) = (SVector::from([0.5; 7]), SVector::from([0.25; 7]));
+        observer.explain(&before, &limits, pole);
+        observer.keep();
+        let residual = *observer.residual();
+        observer.explain(&added, &limits, pole);
+        observer.forget_turn(&limits, pole);
+        assert_eq!((*observer.known(), *observer.residual()), (before, residual));
     }
 }

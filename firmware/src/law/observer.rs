@@ -33,6 +33,8 @@ pub struct Observer<const N: usize> {
     residual: SVector<f64, N>,
     /// The part of the external torque that is known to be no contact, in N m.
     known: SVector<f64, N>,
+    /// The same as the last turn began.
+    kept: SVector<f64, N>,
     started: bool,
 }
 
@@ -42,6 +44,7 @@ impl<const N: usize> Default for Observer<N> {
             integral: SVector::zeros(),
             residual: SVector::zeros(),
             known: SVector::zeros(),
+            kept: SVector::zeros(),
             started: false,
         }
     }
@@ -91,6 +94,17 @@ impl<const N: usize> Observer<N> {
     /// The part of the external joint torque that is known to be no contact, in N m.
     pub(crate) fn known(&self) -> &SVector<f64, N> {
         &self.known
+    }
+
+    /// Keeps what is known, for [`forget_turn`](Self::forget_turn): a turn begins.
+    pub(crate) fn keep(&mut self) {
+        self.kept = self.known;
+    }
+
+    /// Forgets what a turn has made known since it began: it may have met something.
+    pub(crate) fn forget_turn(&mut self, limits: &[JointLimits; N], pole: f64) {
+        let change = self.kept - self.known;
+        self.explain(&change, limits, pole);
     }
 
     /// The residual: external joint torque beyond what is known, in N m.
