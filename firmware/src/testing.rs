@@ -110,7 +110,9 @@ impl Bench {
         let mut controller = Controller::default();
         let hello = DriveHello { period_us, ..hello() };
         controller.connect(&hello).expect("a drive that fits");
-        controller.command(Command::Robot(iiwa7())).expect("a robot");
+        controller
+            .command(Command::Robot(iiwa7().driven().expect("seven joints")))
+            .expect("a robot");
         controller
             .command(Command::Configure {
                 tool: iiwa7_tool(),

@@ -133,7 +133,7 @@ fn controller() -> (Node<7>, u64) {
                     procedure: Procedure::default(),
                 };
                 let mut up = vec![0; 8 * MAX_FRAME];
-                for (command, tick) in [Command::Hello, Command::Robot(iiwa7()), configure]
+                for (command, tick) in [Command::Hello, Command::Robot(iiwa7().driven().expect("seven joints")), configure]
                     .into_iter()
                     .zip(0..)
                 {

@@ -168,7 +168,7 @@ fn robots_wires() {
 /// Messages of both links.
 fn links() {
     let commands = [
-        ("robot", Command::Robot(iiwa7())),
+        ("robot", Command::Robot(iiwa7().driven().expect("seven joints"))),
         (
             "configure",
             Command::Configure {

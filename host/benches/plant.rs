@@ -113,7 +113,9 @@ fn controller_case() -> Box<dyn FnMut()> {
         ..DriveHello::new(1, iiwa7().joints.iter().map(|joint| joint.limits))
     };
     controller.connect(&hello).expect("a drive that fits");
-    controller.command(Command::Robot(iiwa7())).expect("a robot");
+    controller
+        .command(Command::Robot(iiwa7().driven().expect("seven joints")))
+        .expect("a robot");
     let tool = iiwa7_tool();
     controller
         .command(Command::Configure { tool, procedure })
@@ -154,7 +156,7 @@ fn loop_case() -> Box<dyn FnMut()> {
     let mut cell = LocalDevice::new(controller_in_process(7).expect("a controller"), drive, 7).expect("a cell");
     let mut host = spherecal::link::HostEndpoint::new(spherecal::link::Timing::default());
     host.send(Command::Hello);
-    host.send(Command::Robot(iiwa7()));
+    host.send(Command::Robot(iiwa7().driven().expect("seven joints")));
     host.send(Command::Configure {
         tool: iiwa7_tool(),
         procedure: Procedure::default(),

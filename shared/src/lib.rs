@@ -27,8 +27,12 @@ pub mod robot;
 pub mod scalar;
 pub mod timing;
 
-/// Largest number of joints of a robot.
+/// Largest number of joints of a robot that a controller drives, and that both links carry.
 pub const MAX_JOINTS: usize = 8;
+
+/// Largest number of joints of a chain that the host identifies: an arm on a torso on a rail has ten, a humanoid from
+/// foot to hand some fifteen.
+pub const MAX_CHAIN: usize = 20;
 
 /// One value per joint, base to flange, as both links carry it.
 pub type Joints = heapless::Vec<f64, MAX_JOINTS>;

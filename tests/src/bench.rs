@@ -79,7 +79,7 @@ pub fn handshake_commands(procedure: Procedure) -> Vec<Command> {
     let tool = iiwa7_tool();
     vec![
         Command::Hello,
-        Command::Robot(iiwa7()),
+        Command::Robot(iiwa7().driven().expect("seven joints")),
         Command::Configure { tool, procedure },
     ]
 }

@@ -83,7 +83,9 @@ impl Rig {
             ..crate::bench::hello()
         };
         controller.connect(&hello).expect("a drive that fits");
-        controller.command(Command::Robot(iiwa7())).expect("a robot");
+        controller
+            .command(Command::Robot(iiwa7().driven().expect("seven joints")))
+            .expect("a robot");
         controller
             .command(Command::Configure {
                 tool: iiwa7_tool(),

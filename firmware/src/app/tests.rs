@@ -73,7 +73,11 @@ fn down(tick: u64) -> Vec<u8> {
     let procedure = Procedure::default();
     let configure = Command::Configure { tool, procedure };
     match tick {
-        0 => [frame(1, Command::Hello), frame(2, Command::Robot(iiwa7()))].concat(),
+        0 => [
+            frame(1, Command::Hello),
+            frame(2, Command::Robot(iiwa7().driven().expect("seven joints"))),
+        ]
+        .concat(),
         1 => frame(3, configure),
         // A repeated number, and a command that is refused.
         2 => [frame(3, Command::Stop), frame(4, Command::Decouple)].concat(),

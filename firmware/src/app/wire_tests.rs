@@ -397,7 +397,7 @@ fn telemetry_leaves_room_on_a_slow_wire() {
     board.drive(0, 10, 0.0);
     board.order(1, Command::Hello);
     board.drive(10, 30, 0.0);
-    board.order(2, Command::Robot(iiwa7()));
+    board.order(2, Command::Robot(iiwa7().driven().expect("seven joints")));
     board.drive(40, 60, 0.0);
     board.order(3, Command::Configure { tool, procedure });
     board.drive(100, 100, 0.0);

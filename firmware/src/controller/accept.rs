@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 use spherecal_shared::protocol::host::{ApproachCommand, Command, PoseCommand, Refusal};
-use spherecal_shared::robot::{Arm, Robot, Tool};
+use spherecal_shared::robot::{Arm, DrivenRobot, Tool};
 
 use super::{Configured, Controller};
 use crate::law::Wrench;
@@ -165,7 +165,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    fn accept_robot(&mut self, robot: &Robot) -> Result<(), Refusal> {
+    fn accept_robot(&mut self, robot: &DrivenRobot) -> Result<(), Refusal> {
         self.changeable()?;
         robot.check().map_err(|_| Refusal::Robot)?;
         if robot.dof() != N {

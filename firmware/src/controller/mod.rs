@@ -63,7 +63,7 @@ struct Configured<const N: usize> {
 /// The controller of an arm with `N` joints.
 #[derive(Clone, Debug)]
 pub struct Controller<const N: usize> {
-    robot: Option<spherecal_shared::robot::Robot>,
+    robot: Option<spherecal_shared::robot::DrivenRobot>,
     configured: Option<Configured<N>>,
     procedure: Procedure,
     session: Option<DriveSession<N>>,

@@ -191,7 +191,7 @@ fn a_host_of_another_session_is_not_obeyed() {
     let mut wire = Wire::new();
     wire.send(1, Command::Hello);
     wire.hear(1);
-    let robot = Command::Robot(spherecal_shared::robot::iiwa7());
+    let robot = Command::Robot(spherecal_shared::robot::iiwa7().driven().expect("seven joints"));
     let mut foreign = Downlink::at_once(2, robot.clone());
     foreign.session[0] ^= 1;
     let mut bytes = [0u8; MAX_FRAME];

@@ -17,7 +17,7 @@ use nalgebra::Vector3;
 use spherecal_shared::procedure::Limits;
 use spherecal_shared::protocol::drive::{DriveState, DriveStatus};
 use spherecal_shared::protocol::host::Fault;
-use spherecal_shared::robot::{JointLimits, Robot};
+use spherecal_shared::robot::{DrivenRobot, JointLimits};
 
 use crate::law::Shaped;
 use envelope::Envelope;
@@ -108,7 +108,7 @@ impl<const N: usize> SafetyMonitor<N> {
     ///
     /// # Errors
     /// A joint would have no range. Nothing is changed then.
-    pub(crate) fn configure(&mut self, robot: &Robot, drive: Option<&[JointLimits; N]>) -> Result<(), ()> {
+    pub(crate) fn configure(&mut self, robot: &DrivenRobot, drive: Option<&[JointLimits; N]>) -> Result<(), ()> {
         let mut limits = self.limits;
         for (slot, joint) in limits.iter_mut().zip(&robot.joints) {
             *slot = joint.limits;

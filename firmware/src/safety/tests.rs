@@ -10,7 +10,8 @@ use crate::law::Shaped;
 
 fn monitor() -> SafetyMonitor<7> {
     let mut monitor = SafetyMonitor::default();
-    monitor.configure(&iiwa7(), None).expect("the built-in robot");
+    let robot = iiwa7().driven().expect("seven joints");
+    monitor.configure(&robot, None).expect("the built-in robot");
     monitor
 }
 
@@ -92,6 +93,7 @@ fn what_equals_its_limit_is_allowed() {
         };
     }
     let mut monitor = SafetyMonitor::<7>::default();
+    let robot = robot.driven().expect("seven joints");
     monitor.configure(&robot, None).expect("a robot");
 
     // The end of a range, its margin, the speed out of it, and the speed of a joint.

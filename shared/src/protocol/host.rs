@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::Joints;
 use crate::procedure::Procedure;
-use crate::robot::{Robot, Tool};
+use crate::robot::{DrivenRobot, Tool};
 
 mod cost;
 mod event;
@@ -82,7 +82,7 @@ pub enum Command {
     /// The handshake. [`Event::Banner`] answers it in addition to the reply.
     Hello,
     /// Sets the robot's nominal model. Refused unless the controller is idle.
-    Robot(Robot),
+    Robot(DrivenRobot),
     /// Sets the tool and the procedure. Refused unless the controller is idle.
     Configure {
         /// The tool at the flange, with the nest.

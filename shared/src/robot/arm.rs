@@ -37,7 +37,7 @@ impl<T: Real, const N: usize> Arm<T, N> {
     /// # Errors
     /// As [`Robot::check`] and [`Tool::check`]; also if the robot does not have `N`
     /// joints.
-    pub fn new(robot: &Robot, tool: &Tool) -> Result<Self, RobotError> {
+    pub fn new<const MOST: usize>(robot: &Robot<MOST>, tool: &Tool) -> Result<Self, RobotError> {
         robot.check()?;
         tool.check()?;
         if robot.dof() != N {

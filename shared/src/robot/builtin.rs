@@ -43,7 +43,7 @@ const IIWA7: [Row; 7] = [
 pub fn iiwa7() -> Robot {
     let mut name = heapless::String::new();
     let mut joints = heapless::Vec::new();
-    // Both fit: 5 letters of 32, 7 joints of 8.
+    // Both fit: 5 letters of 32, 7 joints of 20.
     let _ = name.push_str("iiwa7");
     for (alpha, d, limit, velocity_rad_s, torque_nm, mass_kg, com_m, inertia_kg_m2) in IIWA7 {
         let joint = Joint {
@@ -92,7 +92,7 @@ pub fn built_in(name: &str) -> Option<Robot> {
         name: heapless::String::new(),
         joints: heapless::Vec::new(),
     };
-    // All fit: at most 7 letters of 32, at most 7 joints of 8.
+    // All fit: at most 7 letters of 32, at most 7 joints of 20.
     let _ = robot.name.push_str(name);
     for &([alpha, a, theta, d], [min_rad, max_rad, velocity_rad_s, torque_nm], mass_kg, com_m, inertia_kg_m2) in rows {
         let _ = robot.joints.push(Joint {

@@ -25,7 +25,7 @@ use nalgebra::{Matrix6, Vector3, Vector6};
 use super::dynamics::GRAVITY_M_S2;
 use super::kinematics::{LinkTransform, MdhRow, next_frame};
 use super::pose::Pose;
-use crate::MAX_JOINTS;
+use crate::MAX_CHAIN;
 
 /// Most orders of encoder harmonics: as many as the identification takes.
 pub const MAX_ORDERS: usize = 64;
@@ -87,7 +87,7 @@ pub enum CompensateError {
 /// The nominal and the calibrated robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compensator {
-    joints: heapless::Vec<CompensatedJoint, MAX_JOINTS>,
+    joints: heapless::Vec<CompensatedJoint, MAX_CHAIN>,
     nominal_tcp_m: Vector3<f64>,
     calibrated_tcp_m: Vector3<f64>,
     tilt_rad_per_nm: [f64; 2],
@@ -95,12 +95,12 @@ pub struct Compensator {
 
 /// Moments that hold the nominal robot (N m): see the module.
 struct Load {
-    joint: [Vector3<f64>; MAX_JOINTS],
+    joint: [Vector3<f64>; MAX_CHAIN],
     base: Vector3<f64>,
 }
 
 impl Compensator {
-    /// `joints` from base to flange (those beyond [`MAX_JOINTS`] are left out), the TCPs in the last
+    /// `joints` from base to flange (those beyond [`MAX_CHAIN`] are left out), the TCPs in the last
     /// frame of each table (m), and the tilt of the base about x and y of F0 (rad/(N m)).
     pub fn new(
         joints: &[CompensatedJoint],
@@ -109,7 +109,7 @@ impl Compensator {
         tilt_rad_per_nm: [f64; 2],
     ) -> Self {
         Self {
-            joints: joints.iter().copied().take(MAX_JOINTS).collect(),
+            joints: joints.iter().copied().take(MAX_CHAIN).collect(),
             nominal_tcp_m: nominal_tcp_m.into(),
             calibrated_tcp_m: calibrated_tcp_m.into(),
             tilt_rad_per_nm,
@@ -141,10 +141,10 @@ impl Compensator {
     }
 
     /// TCP of the full model (m), frames and flange of its table at `q`.
-    fn full(&self, q: &[f64]) -> (Vector3<f64>, [Pose<f64>; MAX_JOINTS], Pose<f64>) {
+    fn full(&self, q: &[f64]) -> (Vector3<f64>, [Pose<f64>; MAX_CHAIN], Pose<f64>) {
         let load = self.load(q);
-        let mut table = [Pose::identity(); MAX_JOINTS];
-        let mut deviated = [Pose::identity(); MAX_JOINTS];
+        let mut table = [Pose::identity(); MAX_CHAIN];
+        let mut deviated = [Pose::identity(); MAX_CHAIN];
         let (mut plain, mut frame) = (Pose::identity(), Pose::identity());
         for (j, (joint, q)) in self.joints.iter().zip(q).enumerate() {
             let link = LinkTransform::from(&joint.calibrated);
@@ -175,14 +175,14 @@ impl Compensator {
 
     /// Moments that hold the nominal robot at `q`.
     fn load(&self, q: &[f64]) -> Load {
-        let mut frames = [Pose::identity(); MAX_JOINTS];
+        let mut frames = [Pose::identity(); MAX_CHAIN];
         let mut frame = Pose::identity();
         for (slot, (joint, q)) in frames.iter_mut().zip(self.joints.iter().zip(q)) {
             frame = next_frame(&frame, &LinkTransform::from(&joint.nominal), *q);
             *slot = frame;
         }
         let mut load = Load {
-            joint: [Vector3::zeros(); MAX_JOINTS],
+            joint: [Vector3::zeros(); MAX_CHAIN],
             base: Vector3::zeros(),
         };
         let (mut mass, mut moment) = (0.0, Vector3::zeros());
@@ -224,7 +224,7 @@ impl Compensator {
             // Least motion of the joints that takes both out: J' (J J' + damping)^-1.
             let arms = frames.iter().take(joints);
             let mut square = Matrix6::zeros();
-            let mut columns = [Vector6::zeros(); MAX_JOINTS];
+            let mut columns = [Vector6::zeros(); MAX_CHAIN];
             for (slot, frame) in columns.iter_mut().zip(arms) {
                 let z: Vector3<f64> = frame.rotation.column(2).into();
                 let v = z.cross(&(tcp - frame.position));
@@ -281,7 +281,7 @@ mod tests {
                 harmonics_rad,
             }
         };
-        let joints: heapless::Vec<_, MAX_JOINTS> = robot.joints.iter().enumerate().map(joint).collect();
+        let joints: heapless::Vec<_, MAX_CHAIN> = robot.joints.iter().enumerate().map(joint).collect();
         Compensator::new(&joints, iiwa7_tool().tcp_m, [0.051, -0.0004, 0.1003], [1e-6, 2e-6])
     }
 

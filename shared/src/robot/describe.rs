@@ -10,7 +10,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::kinematics::MdhRow;
-use crate::MAX_JOINTS;
+use crate::{MAX_CHAIN, MAX_JOINTS};
 
 /// Mass distribution of one rigid body, in a stated frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
@@ -85,14 +85,17 @@ pub struct Joint {
     pub rotor_kg_m2: f64,
 }
 
-/// A serial robot with revolute joints.
+/// A serial robot with at most `MOST` revolute joints.
+///
+/// The host computes with chains of up to [`MAX_CHAIN`] joints, and has no other type. The controller and the links have
+/// [`DrivenRobot`]. Both are the same on a wire and in a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
-pub struct Robot {
+pub struct Robot<const MOST: usize = MAX_CHAIN> {
     /// Name, such as `iiwa7`.
     pub name: heapless::String<32>,
     /// Joints from base to flange.
     #[serde(rename = "joint")]
-    pub joints: heapless::Vec<Joint, MAX_JOINTS>,
+    pub joints: heapless::Vec<Joint, MOST>,
 }
 
 /// The tool at the flange. Its frame FT has the axes of the flange frame.
@@ -117,6 +120,15 @@ pub enum RobotError {
     /// The robot has no joints.
     #[error("the robot has no joints: list at least one [[joint]]")]
     NoJoints,
+    /// The robot has more joints than any controller drives.
+    #[error(
+        "the robot has {found} joints and a controller drives at most {MAX_JOINTS}: name a base or a tip between which \
+         there are no more, as FILE.urdf#BASE:TIP (`identify` takes up to {MAX_CHAIN})"
+    )]
+    TooManyJoints {
+        /// Number of joints in the description.
+        found: usize,
+    },
     /// The controller was built for another number of joints.
     #[error(
         "the robot has {found} joints, this controller was built for {expected}: use a controller built for {found}"
@@ -218,7 +230,24 @@ fn check_body(joint: usize, body: &Inertia) -> Result<(), RobotError> {
     Ok(())
 }
 
+/// A robot that a controller drives.
+pub type DrivenRobot = Robot<MAX_JOINTS>;
+
 impl Robot {
+    /// The robot as a controller takes it.
+    ///
+    /// # Errors
+    /// [`RobotError::TooManyJoints`] for more than [`MAX_JOINTS`].
+    pub fn driven(&self) -> Result<DrivenRobot, RobotError> {
+        let joints = heapless::Vec::from_slice(&self.joints);
+        Ok(Robot {
+            name: self.name.clone(),
+            joints: joints.map_err(|_| RobotError::TooManyJoints { found: self.dof() })?,
+        })
+    }
+}
+
+impl<const MOST: usize> Robot<MOST> {
     /// Number of joints.
     pub fn dof(&self) -> usize {
         self.joints.len()

@@ -2,7 +2,8 @@
 //! ([`Arm`]: kinematics, Jacobians, dynamics).
 //!
 //! [`Robot`] is the serialisable description with up to
-//! [`MAX_JOINTS`](crate::MAX_JOINTS) joints, for links and files. [`Arm`] is
+//! [`MAX_CHAIN`](crate::MAX_CHAIN) joints, for files; [`DrivenRobot`] is the same with up to
+//! [`MAX_JOINTS`](crate::MAX_JOINTS), for controllers and links. [`Arm`] is
 //! compiled from it for a fixed number of joints and a scalar; the control law and
 //! the plant compute with it. Code for a number of joints that is known only at
 //! run time (identification from a CSV file of any robot) uses the slice functions
@@ -46,7 +47,7 @@ mod pose;
 
 pub use arm::Arm;
 pub use builtin::{BUILT_IN, built_in, iiwa7, iiwa7_tool};
-pub use describe::{Inertia, Joint, JointLimits, Robot, RobotError, Tool};
+pub use describe::{DrivenRobot, Inertia, Joint, JointLimits, Robot, RobotError, Tool};
 pub use dynamics::{Bodies, Dynamics, GRAVITY_M_S2};
 pub use kinematics::{LinkTransform, MdhRow, ParameterColumns};
 pub use pose::{Pose, PoseError};

@@ -47,7 +47,9 @@ impl Cell {
         let drive = SimulatedArm::new(plant, &iiwa7());
         let mut controller = Controller::default();
         controller.connect(drive.hello()).expect("a drive that fits");
-        controller.command(Command::Robot(iiwa7())).expect("a robot");
+        controller
+            .command(Command::Robot(iiwa7().driven().expect("seven joints")))
+            .expect("a robot");
         let (tool, procedure) = (iiwa7_tool(), Procedure::default());
         controller
             .command(Command::Configure { tool, procedure })

@@ -289,7 +289,7 @@ fn the_python_drive_is_moved_by_the_controller() {
     let target = [0.1, 0.5, -0.1, -1.4, 0.1, 0.9, 0.2];
     for order in [
         Order::Hello,
-        Order::Robot(model.robot.clone()),
+        Order::Robot(model.robot.driven().expect("at most eight joints")),
         Order::Configure {
             tool: model.tool_in_table(),
             procedure: Procedure::default(),

@@ -303,7 +303,7 @@ fn a_drive_that_falls_silent_in_real_time_is_a_fault() {
     procedure.limits.missed_ticks = 100;
     for command in [
         Command::Hello,
-        Command::Robot(iiwa7()),
+        Command::Robot(iiwa7().driven().expect("seven joints")),
         Command::Configure {
             tool: iiwa7_tool(),
             procedure,

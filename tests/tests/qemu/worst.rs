@@ -172,7 +172,8 @@ impl Search {
         // robot and tool again, which a host may send whenever it likes.
         self.bench.order(Command::ClearFault);
         self.bench.order(Command::Stop);
-        self.bench.order(Command::Robot(iiwa7()));
+        self.bench
+            .order(Command::Robot(iiwa7().driven().expect("seven joints")));
         self.tick(case, 0.0, 0.0);
         self.bench.order(Command::Configure {
             tool: iiwa7_tool(),

@@ -25,20 +25,24 @@ fn nothing_moves_before_there_is_a_robot() {
     let state = Bench::new(Procedure::default()).state();
     let command = controller.tick(embassy_time::Instant::from_millis(1), &state);
     assert!(!command.enable, "brakes until there is a robot");
-    controller.command(Command::Robot(iiwa7())).expect("a robot");
+    controller
+        .command(Command::Robot(iiwa7().driven().expect("seven joints")))
+        .expect("a robot");
     controller.command(configure).expect("a tool");
 }
 
 #[test]
 fn bad_descriptions_are_refused() {
     let mut controller = Controller::<7>::default();
-    let mut robot = iiwa7();
+    let mut robot = iiwa7().driven().expect("seven joints");
     robot.joints[2].mdh.d = f64::NAN;
     assert_eq!(controller.command(Command::Robot(robot)), Err(Refusal::Robot));
-    let mut robot = iiwa7();
+    let mut robot = iiwa7().driven().expect("seven joints");
     robot.joints.pop();
     assert_eq!(controller.command(Command::Robot(robot)), Err(Refusal::Robot));
-    controller.command(Command::Robot(iiwa7())).expect("a robot");
+    controller
+        .command(Command::Robot(iiwa7().driven().expect("seven joints")))
+        .expect("a robot");
     let mut procedure = Procedure::default();
     procedure.turn.stiffness_n_m = -20.0;
     let configure = Command::Configure {
@@ -94,7 +98,12 @@ fn commands_are_refused_in_phases_that_do_not_allow_them() {
     bench.approach().expect("idle");
     assert_eq!(bench.go(&HOME), Err(Refusal::Phase));
     assert_eq!(bench.approach(), Err(Refusal::Phase));
-    assert_eq!(bench.controller.command(Command::Robot(iiwa7())), Err(Refusal::Phase));
+    assert_eq!(
+        bench
+            .controller
+            .command(Command::Robot(iiwa7().driven().expect("seven joints"))),
+        Err(Refusal::Phase)
+    );
     assert_eq!(
         bench.controller.command(Command::HandGuide { on: true }),
         Err(Refusal::Phase)

@@ -195,7 +195,10 @@ fn a_controller_that_knows_nothing_can_retreat() {
         .controller
         .connect(&crate::testing::hello())
         .expect("a drive that fits");
-    bench.controller.command(Command::Robot(robot)).expect("a robot");
+    bench
+        .controller
+        .command(Command::Robot(robot.driven().expect("seven joints")))
+        .expect("a robot");
     let configure = Command::Configure {
         tool: spherecal_shared::robot::iiwa7_tool(),
         procedure: Bench::fast_procedure(),

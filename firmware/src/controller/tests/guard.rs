@@ -128,7 +128,10 @@ fn an_arm_in_its_margin_may_leave_its_sphere() {
         let mut bench = Bench::new(Bench::fast_procedure());
         let mut robot = spherecal_shared::robot::iiwa7();
         robot.joints[0].limits.max_rad = HOME[0] + share * margin;
-        bench.controller.command(Command::Robot(robot)).expect("idle");
+        bench
+            .controller
+            .command(Command::Robot(robot.driven().expect("seven joints")))
+            .expect("idle");
         let configure = Command::Configure {
             tool: spherecal_shared::robot::iiwa7_tool(),
             procedure: Bench::fast_procedure(),
@@ -170,7 +173,10 @@ fn a_torque_that_stays_saturated_is_a_fault() {
     let mut bench = Bench::new(Bench::fast_procedure());
     let mut robot = spherecal_shared::robot::iiwa7();
     robot.joints[1].limits.torque_nm = 10.0;
-    bench.controller.command(Command::Robot(robot)).expect("idle");
+    bench
+        .controller
+        .command(Command::Robot(robot.driven().expect("seven joints")))
+        .expect("idle");
     let configure = Command::Configure {
         tool: spherecal_shared::robot::iiwa7_tool(),
         procedure: Bench::fast_procedure(),

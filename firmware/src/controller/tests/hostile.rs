@@ -4,7 +4,7 @@
 use proptest::prelude::*;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{ApproachCommand, Command, Phase, PoseCommand, Refusal, START_MOST_US};
-use spherecal_shared::robot::{Robot, iiwa7, iiwa7_tool};
+use spherecal_shared::robot::{DrivenRobot, iiwa7, iiwa7_tool};
 use std::vec::Vec;
 
 use crate::testing::{Bench, HOME};
@@ -13,7 +13,7 @@ use crate::testing::{Bench, HOME};
 fn good() -> Vec<Command> {
     let target: spherecal_shared::Joints = HOME.iter().copied().collect();
     std::vec![
-        Command::Robot(iiwa7()),
+        Command::Robot(iiwa7().driven().expect("seven joints")),
         Command::Configure {
             tool: iiwa7_tool(),
             procedure: Procedure::default(),
@@ -62,7 +62,7 @@ fn spoilt(command: &Command, at: usize, value: f64) -> Option<Command> {
 }
 
 /// Whether the commanded torques are within the limits of `robot`, the bench's arm.
-fn within_limits(bench: &Bench, robot: &Robot) -> bool {
+fn within_limits(bench: &Bench, robot: &DrivenRobot) -> bool {
     bench
         .command
         .tau
@@ -89,7 +89,7 @@ proptest! {
             } else {
                 let robot = match command {
                     Command::Robot(robot) => robot,
-                    _ => iiwa7(),
+                    _ => iiwa7().driven().expect("seven joints"),
                 };
                 for _ in 0..60 {
                     bench.run(1);

@@ -29,7 +29,9 @@ fn standing(tick: u64) -> DriveState {
 fn configured() -> Controller<7> {
     let mut controller = Controller::default();
     controller.connect(&crate::testing::hello()).expect("a drive");
-    controller.command(Command::Robot(iiwa7())).expect("a robot");
+    controller
+        .command(Command::Robot(iiwa7().driven().expect("seven joints")))
+        .expect("a robot");
     let tool = iiwa7_tool();
     let procedure = Procedure::default();
     controller

@@ -17,7 +17,9 @@ use crate::testing::{Bench, HOME, hello};
 fn there_is_no_torque_without_a_handshake() {
     let bench = Bench::new(Bench::fast_procedure());
     let mut controller = Controller::<7>::default();
-    controller.command(Command::Robot(iiwa7())).expect("a robot");
+    controller
+        .command(Command::Robot(iiwa7().driven().expect("seven joints")))
+        .expect("a robot");
     let (tool, procedure) = (iiwa7_tool(), Procedure::default());
     controller
         .command(Command::Configure { tool, procedure })
@@ -182,7 +184,9 @@ fn the_tighter_limits_of_robot_and_drive_hold() {
     // The same when the robot is described after the handshake.
     let mut controller = Controller::<7>::default();
     controller.connect(&tighter).expect("a drive that fits");
-    controller.command(Command::Robot(iiwa7())).expect("a robot");
+    controller
+        .command(Command::Robot(iiwa7().driven().expect("seven joints")))
+        .expect("a robot");
     let (tool, procedure) = (iiwa7_tool(), Procedure::default());
     controller
         .command(Command::Configure { tool, procedure })
@@ -326,7 +330,7 @@ fn given<const N: usize>(
     if drive_first {
         controller.connect(&hello)?;
     }
-    controller.command(Command::Robot(robot))?;
+    controller.command(Command::Robot(robot.driven().expect("at most eight joints")))?;
     controller.command(Command::Configure {
         tool,
         procedure: Procedure::default(),

@@ -8,6 +8,7 @@ use spherecal_link::JournalError;
 
 use super::Implausible;
 use spherecal_link::LinkError;
+use spherecal_shared::robot::RobotError;
 
 /// What can end a campaign before its time.
 #[derive(Debug, thiserror::Error)]
@@ -18,6 +19,9 @@ pub enum CampaignError {
     /// The journal failed. Events that were not stored were not acknowledged.
     #[error("{0}")]
     Journal(#[from] JournalError),
+    /// The robot is not one that a controller drives.
+    #[error(transparent)]
+    Robot(#[from] RobotError),
     /// The controller speaks another protocol.
     #[error(
         "the controller ({version}) speaks protocol {found}, but this program speaks {expected}: \

@@ -117,7 +117,7 @@ impl<'a> Campaign<'a> {
     }
 
     pub(super) fn configure(&self, session: &mut Session<'_>) -> Result<(), CampaignError> {
-        session.order("take the robot", Command::Robot(self.assignment.robot.clone()))?;
+        session.order("take the robot", Command::Robot(self.assignment.robot.driven()?))?;
         session.order("take the procedure", self.configuration())
     }
 

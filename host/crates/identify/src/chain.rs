@@ -6,7 +6,7 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use spherecal_model::input::MOST_TARGETS;
-use spherecal_shared::MAX_JOINTS;
+use spherecal_shared::MAX_CHAIN;
 use spherecal_shared::robot::kinematics::{next_frame_turned, parameter_columns};
 use spherecal_shared::robot::{LinkTransform, MdhRow, Pose, Robot, Tool};
 use spherecal_shared::scalar::Real;
@@ -16,7 +16,7 @@ use super::parameters::Layout;
 use super::seen::{RowPart, Seen};
 
 /// Largest number of joints, as a length of arrays.
-pub(crate) const N: usize = MAX_JOINTS;
+pub(crate) const N: usize = MAX_CHAIN;
 /// Room for the general columns of any layout and the six of a base.
 pub(crate) const OWN: usize = 5 * N + 15 + 3 * MOST_TARGETS;
 

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use spherecal_shared::robot::kinematics::next_frame;
 use spherecal_shared::robot::{GRAVITY_M_S2, LinkTransform, Pose, Robot, Tool};
 
-use spherecal_shared::MAX_JOINTS as N;
+use spherecal_shared::MAX_CHAIN as N;
 
 /// Moments that hold the robot against gravity, computed with the nominal model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
-use spherecal_shared::MAX_JOINTS;
+use spherecal_shared::MAX_CHAIN;
 use spherecal_shared::robot::{Pose, Robot, Tool};
 
 use crate::input::MOST_TARGETS;
@@ -78,7 +78,7 @@ impl Experiment {
     pub fn check(&self) -> Result<(), DataError> {
         self.robot.check()?;
         self.tool.check()?;
-        let n = self.robot.dof().min(MAX_JOINTS);
+        let n = self.robot.dof().min(MAX_CHAIN);
         for sphere in &self.spheres {
             check_sphere(sphere)?;
         }

@@ -5,11 +5,13 @@
 
 use spherecal_shared::robot::JointLimits;
 
-/// Bases of the dimensions.
-const PRIMES: [usize; 12] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37];
+/// Bases of the dimensions: one for each joint of a chain.
+const PRIMES: [usize; spherecal_shared::MAX_CHAIN] = [
+    2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53, 59, 61, 67, 71,
+];
 
 /// Item `index` (from 1) in [0, 1), in dimension `dimension`, from 0; after the
-/// twelfth the dimensions repeat.
+/// twentieth the dimensions repeat.
 pub fn halton(index: usize, dimension: usize) -> f64 {
     let base = PRIMES[dimension % PRIMES.len()];
     let (mut rest, mut weight, mut value) = (index, 1.0, 0.0);

@@ -49,7 +49,8 @@ fn add(digest: &mut Digest, found: Option<Violation>) {
 
 fn monitor() -> SafetyMonitor<7> {
     let mut monitor = SafetyMonitor::default();
-    monitor.configure(&iiwa7(), None).expect("the built-in robot");
+    let robot = iiwa7().driven().expect("seven joints");
+    monitor.configure(&robot, None).expect("the built-in robot");
     monitor
 }
 

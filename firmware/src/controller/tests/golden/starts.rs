@@ -95,7 +95,10 @@ pub(super) fn described(change: impl FnOnce(&mut Robot), procedure: Procedure) -
     let mut robot = spherecal_shared::robot::iiwa7();
     change(&mut robot);
     let mut bench = Bench::new(procedure);
-    bench.controller.command(Command::Robot(robot)).expect("idle");
+    bench
+        .controller
+        .command(Command::Robot(robot.driven().expect("seven joints")))
+        .expect("idle");
     let tool = iiwa7_tool();
     bench
         .controller

@@ -58,7 +58,7 @@ fn the_controller_moves_the_example() {
     let procedure = Procedure::default();
     for command in [
         Command::Hello,
-        Command::Robot(robot),
+        Command::Robot(robot.driven().expect("at most eight joints")),
         Command::Configure { tool, procedure },
         Command::Move {
             target: target.into_iter().collect(),

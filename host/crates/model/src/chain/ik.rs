@@ -9,8 +9,8 @@
 use core::f64::consts::{FRAC_PI_2, TAU};
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
-use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::linalg::Cholesky;
+use spherecal_shared::{MAX_CHAIN, MAX_JOINTS};
 
 use super::{Chain, ChainFrames, JointVector, TcpPose, rotation_vector, wrapped};
 use crate::halton::spread;
@@ -168,16 +168,25 @@ impl Chain {
     /// Damped Newton steps on position, rotation and, if requested, elbow angle. `None` if the
     /// error does not fall below [`IK_TOLERANCE`].
     fn polish(&self, pose: &TcpPose, seed: &[f64], steps: usize) -> Option<Vec<f64>> {
+        // Arms that controllers drive are solved often, and in less room.
+        if self.dof() <= MAX_JOINTS {
+            self.polish_in::<MAX_JOINTS>(pose, seed, steps)
+        } else {
+            self.polish_in::<MAX_CHAIN>(pose, seed, steps)
+        }
+    }
+
+    fn polish_in<const MOST: usize>(&self, pose: &TcpPose, seed: &[f64], steps: usize) -> Option<Vec<f64>> {
         let n = self.dof();
         if seed.len() != n {
             return None;
         }
-        let mut q = JointVector::zeros();
+        let mut q = JointVector::<MOST>::zeros();
         for (slot, value) in q.iter_mut().zip(seed) {
             *slot = *value;
         }
         let with_elbow = pose.elbow.is_some() && self.has_elbow();
-        let mut posture = self.posture(&q.as_slice()[..n]);
+        let mut posture = self.posture::<MOST>(&q.as_slice()[..n]);
         let mut error = self.error(pose, &posture, with_elbow)?;
         let mut size = error.norm();
         // Damping in (m or rad)²: small enough to keep Newton's convergence, and raised if a step
@@ -188,8 +197,8 @@ impl Chain {
                 break;
             }
             let jacobian = self.jacobian(&posture, with_elbow);
-            let mut normal: SMatrix<f64, MAX_JOINTS, MAX_JOINTS> = jacobian.transpose() * jacobian;
-            for k in 0..MAX_JOINTS {
+            let mut normal: SMatrix<f64, MOST, MOST> = jacobian.transpose() * jacobian;
+            for k in 0..MOST {
                 normal[(k, k)] += damping;
             }
             let mut step = Cholesky::new(&normal)?.solve(&(jacobian.transpose() * error));
@@ -218,7 +227,12 @@ impl Chain {
 
     /// Task error: position, rotation vector of the difference, elbow angle. `None` if the elbow
     /// angle is requested but not defined.
-    fn error(&self, pose: &TcpPose, posture: &ChainFrames, with_elbow: bool) -> Option<SVector<f64, 7>> {
+    fn error<const MOST: usize>(
+        &self,
+        pose: &TcpPose,
+        posture: &ChainFrames<MOST>,
+        with_elbow: bool,
+    ) -> Option<SVector<f64, 7>> {
         let difference = pose.rotation * Rotation3::from_matrix_unchecked(posture.rotation).inverse();
         let turn = rotation_vector(&difference);
         let shift = pose.position - posture.tcp;

@@ -94,7 +94,7 @@ proptest! {
         let q = configuration(&chain, &fractions);
         prop_assume!([1, 3, 5].into_iter().all(|i: usize| q[i].abs() > 0.3));
         prop_assume!(chain.pose(&q).elbow.is_some());
-        let jacobian = chain.jacobian(&chain.posture(&q), true);
+        let jacobian = chain.jacobian(&chain.posture::<7>(&q), true);
         let h = 1e-6;
         for j in 0..7 {
             let (mut a, mut b) = (q.clone(), q.clone());

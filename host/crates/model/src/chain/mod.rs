@@ -8,18 +8,18 @@ mod error;
 mod ik;
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
-use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::robot::elbow::elbow;
 use spherecal_shared::robot::kinematics::frames_into;
 use spherecal_shared::robot::{JointLimits, LinkTransform, MdhRow, Pose, Robot, Tool};
+use spherecal_shared::{MAX_CHAIN, MAX_JOINTS};
 
 pub use error::ChainError;
 pub use ik::IK_TOLERANCE;
 
-/// Room for the joints of any robot.
-type JointVector = SVector<f64, MAX_JOINTS>;
+/// Room for `MOST` joints: for arms that controllers drive, and for longer chains.
+type JointVector<const MOST: usize> = SVector<f64, MOST>;
 /// Task Jacobian: rows 0-2 position (m), 3-5 rotation (rad), 6 elbow (rad).
-type TaskJacobian = SMatrix<f64, 7, MAX_JOINTS>;
+type TaskJacobian<const MOST: usize> = SMatrix<f64, 7, MOST>;
 
 /// Where the TCP is to be, seen from F0.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,9 +35,9 @@ pub struct TcpPose {
 
 /// Frames and TCP at one configuration.
 #[derive(Clone, Debug)]
-struct ChainFrames {
+struct ChainFrames<const MOST: usize> {
     /// F1..Fn in F0; the rest is unused.
-    frames: [Pose<f64>; MAX_JOINTS],
+    frames: [Pose<f64>; MOST],
     /// Rotation of the flange and of FT.
     rotation: Matrix3<f64>,
     /// TCP in F0, in m.
@@ -69,7 +69,7 @@ impl Chain {
     }
 
     /// Compiles a description that its owner has checked, of any number of
-    /// joints up to [`MAX_JOINTS`]: for forward kinematics.
+    /// joints up to [`MAX_CHAIN`]: for forward kinematics.
     pub fn unchecked(robot: &Robot, tool: &Tool) -> Self {
         let rows: Vec<_> = robot.joints.iter().map(|j| j.mdh).collect();
         Self {
@@ -114,7 +114,15 @@ impl Chain {
 
     /// Smallest singular value of the 6 x n TCP Jacobian at `q` (m and rad).
     pub fn smallest_singular_value(&self, q: &[f64]) -> f64 {
-        let jacobian = self.jacobian(&self.posture(q), false);
+        if self.dof() <= MAX_JOINTS {
+            self.smallest_in::<MAX_JOINTS>(q)
+        } else {
+            self.smallest_in::<MAX_CHAIN>(q)
+        }
+    }
+
+    fn smallest_in<const MOST: usize>(&self, q: &[f64]) -> f64 {
+        let jacobian = self.jacobian(&self.posture::<MOST>(q), false);
         let six = jacobian.fixed_rows::<6>(0);
         (six * six.transpose()).symmetric_eigenvalues().min().max(0.0).sqrt()
     }
@@ -126,7 +134,7 @@ impl Chain {
 
     /// TCP pose at joint angles `q` (rad), with the elbow angle where there is one.
     pub fn pose(&self, q: &[f64]) -> TcpPose {
-        let posture = self.posture(q);
+        let posture = self.posture::<MAX_CHAIN>(q);
         TcpPose {
             position: posture.tcp,
             rotation: Rotation3::from_matrix_unchecked(posture.rotation),
@@ -143,8 +151,8 @@ impl Chain {
     }
 
     /// Frames and TCP at `q`.
-    fn posture(&self, q: &[f64]) -> ChainFrames {
-        let mut frames = [Pose::identity(); MAX_JOINTS];
+    fn posture<const MOST: usize>(&self, q: &[f64]) -> ChainFrames<MOST> {
+        let mut frames = [Pose::identity(); MOST];
         let flange = frames_into(&self.links, q, &mut frames);
         ChainFrames {
             rotation: flange.rotation,
@@ -154,7 +162,7 @@ impl Chain {
     }
 
     /// Elbow angle in rad, for an arm of seven joints away from its degenerate places.
-    fn elbow_at(&self, posture: &ChainFrames) -> Option<f64> {
+    fn elbow_at<const MOST: usize>(&self, posture: &ChainFrames<MOST>) -> Option<f64> {
         if !self.has_elbow() {
             return None;
         }
@@ -163,7 +171,7 @@ impl Chain {
 
     /// Task Jacobian at a posture: per rad/s of each joint the TCP's velocity,
     /// the angular velocity and, with `with_elbow`, the elbow's rate.
-    fn jacobian(&self, posture: &ChainFrames, with_elbow: bool) -> TaskJacobian {
+    fn jacobian<const MOST: usize>(&self, posture: &ChainFrames<MOST>, with_elbow: bool) -> TaskJacobian<MOST> {
         let mut jacobian = TaskJacobian::zeros();
         for (i, frame) in posture.frames.iter().enumerate().take(self.dof()) {
             let z = frame.z();
@@ -185,11 +193,13 @@ impl Chain {
     ///
     /// With S, E, W the origins of F2, F4, F6 and n the unit vector S→W, the
     /// angle is atan2(s, c), s = n·(z × (E−S)), c = (E−S)_z − n_z n·(E−S).
-    fn elbow_gradient(&self, posture: &ChainFrames) -> Option<[f64; 7]> {
+    fn elbow_gradient<const MOST: usize>(&self, posture: &ChainFrames<MOST>) -> Option<[f64; 7]> {
         if !self.has_elbow() {
             return None;
         }
-        let [_, f2, _, f4, _, f6, ..] = &posture.frames;
+        let [_, f2, _, f4, _, f6, ..] = posture.frames.as_slice() else {
+            return None;
+        };
         let (line, arm) = (f6.position - f2.position, f4.position - f2.position);
         let length = line.norm();
         let n = line / length;

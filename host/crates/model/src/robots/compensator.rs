@@ -1,7 +1,7 @@
 //! Reads the compensator of a controller from `calibrated.toml`.
 
 use serde::Deserialize;
-use spherecal_shared::MAX_JOINTS;
+use spherecal_shared::MAX_CHAIN;
 use spherecal_shared::robot::MdhRow;
 use spherecal_shared::robot::compensator::{CompensatedJoint, Compensator, MAX_ORDERS};
 
@@ -79,7 +79,7 @@ pub fn read_compensator(path: &str, text: &str) -> Result<Compensator, RobotFile
         return Err(refuse("[calibration.nominal]", "missing", again));
     };
     let count = table.rows.alpha_rad.len();
-    if !(1..=MAX_JOINTS).contains(&count) {
+    if !(1..=MAX_CHAIN).contains(&count) {
         return Err(refuse("calibration.alpha_rad", &format!("{count} joints"), again));
     }
     let joint = |j: usize| {

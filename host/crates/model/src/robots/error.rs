@@ -3,7 +3,7 @@
 //! What comes from the user's file is escaped ([`printable`](crate::printable))
 //! where it enters a message.
 
-use spherecal_shared::MAX_JOINTS;
+use spherecal_shared::MAX_CHAIN;
 use spherecal_shared::robot::RobotError;
 
 use crate::{FileError, TomlError, excerpt, printable};
@@ -73,7 +73,7 @@ pub enum RobotFileError {
     },
     /// The chain has no or too many turning joints.
     #[error(
-        "{}: the chain from {} to {} has {joints} turning joints: between 1 and {MAX_JOINTS} are needed; name another \
+        "{}: the chain from {} to {} has {joints} turning joints: between 1 and {MAX_CHAIN} are needed; name another \
          base or tip as {}#BASE:TIP",
         printable(path),
         excerpt(base),

@@ -6,7 +6,7 @@
 //! written by this program is SI and reads back to the same bits. A table is modified (`mdh`) or standard (`dh`).
 
 use serde::Deserialize;
-use spherecal_shared::MAX_JOINTS;
+use spherecal_shared::MAX_CHAIN;
 use spherecal_shared::robot::{Inertia, Joint, JointLimits, MdhRow, Pose, Robot, Tool};
 
 use super::error::RobotFileError;
@@ -316,7 +316,7 @@ pub fn load(path: &str, text: &str) -> Result<RobotModel, RobotFileError> {
                 path: path.to_owned(),
                 field: "[[joint]]".to_owned(),
                 value: count.to_string(),
-                remedy: format!("list at most {MAX_JOINTS} joints"),
+                remedy: format!("list at most {MAX_CHAIN} joints"),
             });
         }
     }

@@ -1,7 +1,7 @@
 //! From a URDF to a [`RobotModel`]: axes to modified DH, fixed links merged
 //! into the ones that carry them.
 
-use spherecal_shared::MAX_JOINTS;
+use spherecal_shared::MAX_CHAIN;
 use spherecal_shared::robot::{Inertia, Joint, JointLimits, Pose, Robot, Tool};
 
 use super::error::RobotFileError;
@@ -59,7 +59,7 @@ pub(super) fn load_path(
         .filter(|&(_, &i)| urdf.joints[i].motion == JointMotion::Turns)
         .map(|(k, &i)| (k, i))
         .collect();
-    if turning.is_empty() || turning.len() > MAX_JOINTS {
+    if turning.is_empty() || turning.len() > MAX_CHAIN {
         return Err(RobotFileError::Joints {
             path: path.to_owned(),
             base: chain.root.clone(),
@@ -99,7 +99,7 @@ pub(super) fn load_path(
             },
             rotor_kg_m2: 0.0,
         };
-        // At most MAX_JOINTS, checked above.
+        // At most MAX_CHAIN, checked above.
         let _ = robot.joints.push(joint);
     }
     robot.check().map_err(|source| RobotFileError::Robot {

@@ -1,12 +1,12 @@
 //! A YAML file of nested mappings as its numbers, each with the keys that lead to it.
 
 use granit_parser::{Event, Parser};
-use spherecal_shared::MAX_JOINTS;
+use spherecal_shared::MAX_CHAIN;
 
 use super::error::RobotFileError;
 
 /// Most joints (the flange and the tip included) of a file.
-pub(super) const MOST_JOINTS: usize = MAX_JOINTS + 2;
+pub(super) const MOST_JOINTS: usize = MAX_CHAIN + 2;
 /// The six numbers of an origin.
 pub(super) const NUMBERS: [&str; 6] = ["x", "y", "z", "roll", "pitch", "yaw"];
 /// Direction of an axis that is not z.
