@@ -257,7 +257,7 @@ pub(super) fn gather(args: &CollectArgs) -> Result<Gathered, CliError> {
     let name = args.robot.as_deref().or(connected.as_deref()).ok_or_else(|| {
         CliError::input("--robot: a drive link does not tell which robot it is: give its name or file")
     })?;
-    let mut model = robots::load(name).map_err(CliError::input)?;
+    let mut model = robots::load_driven(name).map_err(CliError::input)?;
     if let (Some(asked), Some(found)) = (&args.robot, &connected)
         && matches!(args.link, Link::Franka { .. })
         && robots::built_in(asked).is_some()

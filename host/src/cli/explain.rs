@@ -54,15 +54,15 @@ pub(super) fn remarks(study: &Study) -> Vec<String> {
     .sentences()
 }
 
-/// A refusal with what the search says to it.
-pub(super) fn with_reason(error: &StudyError, found: Option<&Explanation>) -> String {
-    let Some(found) = found else {
-        return error.to_string();
-    };
+/// A refusal with what the search says to it, and with the notes on how the tables were read.
+pub(super) fn with_reason(error: &StudyError, found: Option<&Explanation>, notes: &[String]) -> String {
     let mut lines = vec![error.to_string()];
-    if found.found.is_empty() && found.own_m.is_finite() {
-        lines.push(found.none_of_these());
+    if let Some(found) = found {
+        if found.found.is_empty() && found.own_m.is_finite() {
+            lines.push(found.none_of_these());
+        }
+        lines.extend(found.sentences());
     }
-    lines.extend(found.sentences());
+    lines.extend(notes.iter().cloned());
     lines.join("\n  ")
 }

@@ -19,7 +19,7 @@ use spherecal_identify::study::{
 };
 use spherecal_identify::{Method, Model, Options};
 use spherecal_job::CertificateSection;
-use spherecal_job::study::{study_certificate, summary_json, summary_text, write_files};
+use spherecal_job::study::{root_of_files, study_certificate, summary_json, summary_text, write_files};
 use spherecal_model::input::{InputError, triple};
 use spherecal_report::{render, study_report};
 use spherecal_store::time::now_utc;
@@ -299,7 +299,7 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
     });
     let mut tables = tables.inspect_err(|_| view.finish())?;
     let from_bag = tables.data.clone();
-    put_right(&args.table, &mut request, &model, &mut tables).inspect_err(|_| view.finish())?;
+    let slides = put_right(&args.table, &mut request, &model, &mut tables).inspect_err(|_| view.finish())?;
     let sources = with_bags(&request, model, &tables).map_err(refuse)?;
     if args.explain {
         view.finish();
@@ -312,8 +312,12 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
             return refuse(error);
         }
         let found = explain::explained(&request, sources).ok();
-        CliError::input(explain::with_reason(&error, found.as_ref()))
+        CliError::input(explain::with_reason(&error, found.as_ref(), &tables.notes))
     })?;
+    if let Some(slides) = slides {
+        let root = root_of_files(&study);
+        study.model.slides = slides.directions().iter().map(|d| root.rotation.tr_mul(d)).collect();
+    }
     let remarks = explain::remarks(&study);
     study.notes.extend(remarks);
     if let Some(path) = &args.anonymise {

@@ -121,7 +121,7 @@ fn warn_of_first_run(link: &Link, arm: &str, store: &mut dyn CalibrationStore) {
 /// Checks what can be checked before anything is written, planned or moved.
 fn check_first(args: &RunArgs) -> Result<(), CliError> {
     if !args.resume {
-        robots::load(&args.configuration()?.robot)?;
+        robots::load_driven(&args.configuration()?.robot)?;
     }
     if let Some(path) = &args.waypoints {
         TaughtWaypoints::read(path)?;

@@ -224,7 +224,7 @@ fn hinges(
             .collect();
         notes.push(format!(
             "the motion of the sliding joints ({}) was fitted with the whole chain (to {:.3} mm) and taken out of the points: \
-             the turning joints are calibrated",
+             the turning joints are calibrated, and calibrated.urdf has the directions of the slides",
             names.join(", "),
             found.left_m * 1e3
         ));
@@ -241,7 +241,8 @@ fn hinges(
 }
 
 /// Puts the tables of a request right, in place of its files: columns, corrections, joints that slide or follow others.
-/// What was done goes to the tables' notes. Then the request's column options are used up.
+/// What was done goes to the tables' notes. Then the request's column options are used up. Returns the motion of the
+/// sliding joints, where there are some.
 ///
 /// # Errors
 /// Options that say nothing, and tables that cannot be read.
@@ -250,7 +251,7 @@ pub(super) fn put_right(
     request: &mut StudyRequest,
     model: &RobotModel,
     tables: &mut BagTables,
-) -> Result<(), CliError> {
+) -> Result<Option<Slides>, CliError> {
     let path = model.joint_path().map_err(CliError::input)?;
     let plain = model.clone().plain().is_ok();
     let n = path.columns.len();
@@ -264,6 +265,7 @@ pub(super) fn put_right(
             "a bag has no columns: name its topics with --topics, and its joints with --joint-columns",
         ));
     }
+    let (others, carriers) = model.other_joints().map_err(CliError::input)?;
     let format = TableFormat {
         joints: n,
         joint_names: if plain {
@@ -273,6 +275,8 @@ pub(super) fn put_right(
         },
         joint_columns: request.joint_columns.clone(),
         ignore: request.ignore_columns.clone(),
+        others,
+        carriers,
         label: request.holdout.clone(),
     };
     let rebuilt = !adjust.is_nothing() || !plain;
@@ -317,5 +321,5 @@ pub(super) fn put_right(
         request.joint_columns.clear();
         request.ignore_columns.clear();
     }
-    Ok(())
+    Ok(motion)
 }

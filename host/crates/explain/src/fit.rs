@@ -82,6 +82,21 @@ impl State {
         self.bases.first().map_or(at, |base| base.point(&at))
     }
 
+    /// Directions of the sliding joints with all columns at zero, base to tip, in the frame of group 0.
+    pub(crate) fn slides(&self) -> Vec<Vector3<f64>> {
+        let mut q = self.path.positions(&[]);
+        for (q, offset) in q.iter_mut().zip(&self.offsets) {
+            *q += offset;
+        }
+        let frames = self.path.frames(&q);
+        let joints = self.path.joints.iter().zip(&frames.before);
+        let slides = joints.filter(|(joint, _)| joint.kind == JointKind::Slides);
+        let base = self.bases.first().map_or_else(Matrix3::identity, |base| base.rotation);
+        slides
+            .map(|(joint, frame)| base * (frame.rotation * joint.axis))
+            .collect()
+    }
+
     /// Residuals of a row: of the position in m, and of the orientation in rad.
     fn residual(&self, row: &Row, tip: &Pose<f64>) -> (Vector3<f64>, Vector3<f64>) {
         let base = &self.bases[row.group];

@@ -71,6 +71,11 @@ impl Slides {
         })
     }
 
+    /// Directions of the sliding joints with all joints at zero, base to tip, in the instrument's frame.
+    pub fn directions(&self) -> Vec<Vector3<f64>> {
+        self.state.slides()
+    }
+
     /// What to add to a measured point (m, instrument's frame) of a row with these joint columns.
     pub fn shift(&self, columns: &[f64]) -> Vector3<f64> {
         self.state.tcp(columns, false) - self.state.tcp(columns, true)

@@ -104,7 +104,7 @@ struct Known {
 
 fn known(config: &Config) -> Result<Known, JobError> {
     config.check()?;
-    let mut model = robots::load(&config.robot)?;
+    let mut model = robots::load_driven(&config.robot)?;
     config.cell.tool.apply(&mut model);
     let (found, joints) = (config.cell.drive.motor_kg_m2.len(), model.robot.dof());
     if found != 0 && found != joints {

@@ -171,7 +171,7 @@ fn notes(results: &Results<'_>, model: &RobotModel) -> Vec<String> {
 }
 
 /// The base frame of the files' geometry in the first frame of the measurements.
-fn base_of_files(evaluation: &Evaluation) -> Pose {
+pub(crate) fn base_of_files(evaluation: &Evaluation) -> Pose {
     let (full, own) = (&evaluation.calibration.base, &evaluation.geometry.base);
     Pose {
         position: full.position + full.rotation * own.position,

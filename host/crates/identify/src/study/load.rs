@@ -102,11 +102,14 @@ pub fn assemble(
     let plate = plate.unwrap_or_default();
     notes.extend(plate.notes);
     let spheres = plate.spheres;
+    let (others, carriers) = model.other_joints()?;
     let mut format = TableFormat {
         joints: model.robot.dof(),
         joint_names: model.joint_names.clone(),
         joint_columns: request.joint_columns.clone(),
         ignore: request.ignore_columns.clone(),
+        others,
+        carriers,
         label: request.holdout.clone(),
     };
     let mut places = Labels::default();

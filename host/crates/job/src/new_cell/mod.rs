@@ -160,7 +160,9 @@ struct Decided<'a> {
 /// # Errors
 /// A robot that is neither built in nor a file that can be read.
 pub fn check_robot(robot: &str) -> Result<(), NewCellError> {
-    robots::load(robot).map(drop).map_err(|e| JobError::from(e).into())
+    robots::load_driven(robot)
+        .map(drop)
+        .map_err(|e| JobError::from(e).into())
 }
 
 /// Checks a serial number.
@@ -235,7 +237,7 @@ impl NewCell {
     }
 
     fn decide(&self) -> Result<Decided<'_>, NewCellError> {
-        let model = robots::load(&self.robot).map_err(JobError::from)?;
+        let model = robots::load_driven(&self.robot).map_err(JobError::from)?;
         check_serial(&self.serial)?;
         check_mass(&self.robot, self.tool_mass_kg)?;
         let diameter = self.sphere_diameter_mm;

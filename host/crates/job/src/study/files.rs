@@ -5,9 +5,11 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::summary::summary_json;
-use crate::write::{CalibratedTexts, Results, calibrated_texts, write_results};
+use crate::write::{CalibratedTexts, Results, base_of_files, calibrated_texts, write_results};
 use crate::{Files, JobError};
 use spherecal_identify::study::Study;
+use spherecal_model::Pose;
+use spherecal_model::robots::frames::{compose, inverse};
 use spherecal_report::Certificate;
 
 /// Writes a result with its certificate into a directory, which is created if it is missing. `report`
@@ -27,6 +29,11 @@ pub fn write_files(
 /// The calibrated robot as [`write_files`] writes it, without writing any file.
 pub fn calibrated(study: &Study) -> CalibratedTexts {
     calibrated_texts(&results(study, &Value::Null, None))
+}
+
+/// The root frame of the robot's file, as the files of a study have it, in the first frame of the measurements.
+pub fn root_of_files(study: &Study) -> Pose<f64> {
+    compose(&base_of_files(&study.evaluation), &inverse(&study.model.base))
 }
 
 fn results<'a>(study: &'a Study, summary: &'a Value, report: Option<&'a str>) -> Results<'a> {

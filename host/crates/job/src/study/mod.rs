@@ -6,6 +6,6 @@ mod summary;
 mod targets;
 mod text;
 
-pub use files::{calibrated, write_files};
+pub use files::{calibrated, root_of_files, write_files};
 pub use summary::{study_certificate, summary_json};
 pub use text::summary_text;

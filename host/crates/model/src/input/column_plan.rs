@@ -2,10 +2,11 @@
 
 use std::collections::HashMap;
 
+use super::carriers::Carrier;
 use super::columns::ColumnRole;
 use super::columns::TableFormat;
 use super::error::InputError;
-use super::header_names::{angle_unit, fixed, plain};
+use super::header_names::{angle_unit, fixed, is_other, plain};
 use super::mapping::{ColumnMapping, Meaning};
 use super::orientation::Orientation;
 use crate::excerpt;
@@ -31,6 +32,8 @@ pub(super) struct Plan {
     pub(super) targets: Vec<usize>,
     /// Those of them that are numbers.
     pub(super) measured: Vec<usize>,
+    /// Columns of joints that carry the base of the chain.
+    pub(super) carriers: Vec<Carrier>,
     /// Whether a row has several points, of which some may be hidden.
     pub(super) numbered: bool,
     pub(super) changed: bool,
@@ -235,7 +238,7 @@ impl Plan {
                 || is(&format.ignore)
                 || format.label.as_ref().is_some_and(|l| plain(l) == *name)
         };
-        let mut unused = Vec::new();
+        let (mut unused, mut beside) = (Vec::new(), Vec::new());
         for (k, name) in names.iter().enumerate() {
             if new[k].is_some() {
                 continue;
@@ -243,6 +246,12 @@ impl Plan {
             // What the mapping gives goes before what the table names so.
             let shadowed = mapping.entries.iter().any(|(meaning, _)| shadows(meaning, name));
             let controller = CONTROLLER.iter().any(|c| name.starts_with(c));
+            if !known(k) && is_other(name, format) {
+                gone[k] = true;
+                beside.push(written[k].clone());
+                plan.carriers.extend(Carrier::new(format, k, &written[k]));
+                continue;
+            }
             let drop = !known(k) && (UNUSED.contains(&name.as_str()) || controller || mapping.ignore_rest);
             if shadowed || drop {
                 gone[k] = true;
@@ -253,6 +262,11 @@ impl Plan {
             plan.changed = true;
             plan.notes
                 .push(format!("columns that are not used: {}", listed(&unused)));
+        }
+        if !beside.is_empty() {
+            plan.changed = true;
+            let words = "columns of joints that are not on the chain are not used";
+            plan.notes.push(format!("{words}: {}", listed(&beside)));
         }
         plan.lay_out(written, format, &new, &gone, turned);
         Ok(plan)

@@ -16,6 +16,11 @@ pub struct TableFormat {
     pub joint_columns: Vec<String>,
     /// Columns that the caller wants left out.
     pub ignore: Vec<String>,
+    /// Joints of the robot's description that are not on its chain: columns of these names (or with `_deg`) are left
+    /// out.
+    pub others: Vec<String>,
+    /// Those of them that carry the base of the chain.
+    pub carriers: Vec<String>,
     /// A further column whose values name groups of rows.
     pub label: Option<String>,
 }

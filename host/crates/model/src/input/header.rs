@@ -8,7 +8,7 @@ use std::collections::{HashMap, HashSet};
 
 use super::columns::{ColumnRole, MOST_TARGETS, TableFormat, TableHeader};
 use super::error::InputError;
-use super::header_names::{DEGREE, angle_unit, fixed, hint, key, known, plain};
+use super::header_names::{DEGREE, angle_unit, fixed, hint, is_other, key, known, plain};
 use crate::excerpt;
 
 /// The columns that the caller names are as many as the joints, each once.
@@ -77,6 +77,7 @@ pub(super) fn header(file: &str, names: Vec<String>, format: &TableFormat) -> Re
                 Some(column) => Some(column),
                 None if own.is_empty() && named(&robots).is_some() => named(&robots).map(as_angle),
                 None if label.as_ref() == Some(&name) => Some(ColumnRole::Label),
+                None if is_other(&name, format) => Some(ColumnRole::Ignored),
                 None => None,
             }
         };

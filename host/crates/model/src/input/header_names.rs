@@ -85,6 +85,15 @@ pub(super) fn fixed(name: &str) -> Option<ColumnRole> {
     Some(ColumnRole::Coordinate { target, axis, scale })
 }
 
+/// Whether a column of a name in lower case holds a joint of the robot that is not on its chain.
+pub(super) fn is_other(name: &str, format: &TableFormat) -> bool {
+    let stem = name.strip_suffix(".pos").unwrap_or(angle_unit(name).0);
+    format
+        .others
+        .iter()
+        .any(|other| [name, stem].contains(&plain(other).as_str()))
+}
+
 /// Two columns with the same key would fill the same cell.
 pub(super) fn key(column: ColumnRole) -> Option<(u8, usize, usize)> {
     Some(match column {
@@ -123,7 +132,8 @@ pub(super) fn known(format: &TableFormat) -> String {
 
 /// The known name that an unknown one is nearest to, and what may be wrong with it.
 pub(super) fn hint(name: &str, format: &TableFormat) -> Option<String> {
-    if ["x", "y", "z"].contains(&name) {
+    let mut rest = name.chars();
+    if rest.next().is_some_and(|axis| "xyz".contains(axis)) && rest.all(|c| c.is_ascii_digit()) {
         return Some(format!("\"{name}\" has no unit: name it {name}_mm or {name}_m"));
     }
     if name.chars().count() > 20 {

@@ -10,6 +10,7 @@
 //! ```
 
 mod adjust;
+mod carriers;
 mod cells;
 mod column_plan;
 mod columns;

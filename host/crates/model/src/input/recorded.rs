@@ -11,6 +11,7 @@
 
 use std::io::Read;
 
+use super::carriers::decimal;
 use super::cells::{Splitter, no_value, separator};
 use super::column_plan::{OutColumn, Plan};
 use super::columns::TableFormat;
@@ -193,6 +194,7 @@ pub fn recorded(
             out.csv.push('\n');
             continue;
         }
+        plan.carriers.iter_mut().for_each(|carrier| carrier.see(&cells));
         let row = plan.row(&cells);
         // A cell may have been emptied.
         out.changed |= row != cells;
@@ -206,14 +208,18 @@ pub fn recorded(
             left_out.0, left_out.1
         ));
     }
+    let carriers = begun.iter().flat_map(|(plan, ..)| &plan.carriers);
+    let moving: Vec<String> = carriers.filter(|c| c.moves()).map(|c| excerpt(&c.name)).collect();
+    if !moving.is_empty() {
+        out.notes.push(format!(
+            "{} moves in these rows and carries the base of the chain: begin the chain before it (--robot FILE#BASE:TIP), \
+             unless what measured rides on the base, too",
+            moving.join(" and ")
+        ));
+    }
     // Nothing to read: the reader says so about the file itself.
     out.changed &= rows > left_out.0;
     Ok(out)
-}
-
-/// A number of an orientation, with a decimal point or comma.
-fn decimal(cell: &str) -> Option<f64> {
-    cell.parse().ok().or_else(|| cell.replacen(',', ".", 1).parse().ok())
 }
 
 impl Plan {

@@ -116,7 +116,7 @@ fn calibrated(model: &RobotModel, rows: &[MdhRow<f64>]) -> (Form, String, Vec<(S
     let (urdf, chain) = source.as_ref();
     let form = vendor::form(urdf, chain);
     let mut out = Vec::new();
-    for (k, (i, frame)) in corrected(model, urdf, chain, rows).into_iter().enumerate() {
+    for (k, (i, frame)) in corrected(model, urdf, chain, rows).origins.into_iter().enumerate() {
         let joint = &urdf.joints[i];
         let near = if frames::distance(&frame, &joint.origin) < SAME {
             (joint.origin, joint.rpy)

@@ -70,6 +70,7 @@ pub fn built_in(name: &str) -> Option<RobotModel> {
         tool,
         frame_names: ("base_link".to_owned(), "tool0".to_owned()),
         joint_names: vendor::joint_names(name),
+        slides: Vec::new(),
         tolerances: Tolerances::default(),
         origin: Origin::BuiltIn,
         notes: Vec::new(),
@@ -121,7 +122,22 @@ pub fn load(spec: &str) -> Result<RobotModel, RobotFileError> {
     load_path(spec)?.plain()
 }
 
-/// The same, also for a chain with joints that slide or follow others ([`RobotModel::joint_path`]).
+/// The same, for an arm that a controller is to drive.
+///
+/// # Errors
+/// As [`load`], and for more than [`MAX_JOINTS`](spherecal_shared::MAX_JOINTS) joints.
+pub fn load_driven(spec: &str) -> Result<RobotModel, RobotFileError> {
+    let model = load(spec)?;
+    match model.robot.driven() {
+        Ok(_) => Ok(model),
+        Err(source) => Err(RobotFileError::Robot {
+            path: spec.to_owned(),
+            source,
+        }),
+    }
+}
+
+/// The same as [`load`], also for a chain with joints that slide or follow others ([`RobotModel::joint_path`]).
 ///
 /// # Errors
 /// As [`load`].

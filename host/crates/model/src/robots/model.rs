@@ -53,6 +53,9 @@ pub struct RobotModel {
     /// Names of the joints, base to flange, as the file or the vendor has them;
     /// empty where nobody named them.
     pub joint_names: Vec<String>,
+    /// Directions of the chain's sliding joints as they were found, base to tip, in the root frame with all joints at
+    /// zero. Empty where they are those of the file.
+    pub slides: Vec<Vector3<f64>>,
     /// How far the table may be from the arm.
     pub tolerances: Tolerances,
     /// Where the robot came from.

@@ -329,6 +329,32 @@ impl RobotModel {
         ))
     }
 
+    /// Names of the joints of the file that move and are no columns of the chain; and of those of them that carry its
+    /// base.
+    ///
+    /// # Errors
+    /// As [`RobotModel::joint_path`].
+    pub fn other_joints(&self) -> Result<(Vec<String>, Vec<String>), RobotFileError> {
+        let Origin::Urdf(source) = &self.origin else {
+            return Ok((Vec::new(), Vec::new()));
+        };
+        let (urdf, chain) = source.as_ref();
+        let columns = self.joint_path()?.columns;
+        let moves = |joint: &&UrdfJoint| joint.motion != JointMotion::Fixed && !columns.contains(&joint.name);
+        let others = urdf.joints.iter().filter(moves).map(|joint| joint.name.clone());
+        let mut carriers = Vec::new();
+        let mut link = &chain.root;
+        // The bound ends a file whose links go in a circle.
+        for _ in 0..urdf.joints.len() {
+            let Some(joint) = urdf.joints.iter().find(|j| j.child == *link) else {
+                break;
+            };
+            carriers.extend(Some(joint).filter(moves).map(|joint| joint.name.clone()));
+            link = &joint.parent;
+        }
+        Ok((others.collect(), carriers))
+    }
+
     /// Joints of the file that move and are not on the chain, each with its type and its parent link.
     pub fn left_out(&self) -> Vec<String> {
         let Origin::Urdf(source) = &self.origin else {

@@ -359,6 +359,7 @@ pub fn load(path: &str, text: &str) -> Result<RobotModel, RobotFileError> {
         tool,
         frame_names: (root, tip),
         joint_names,
+        slides: Vec::new(),
         tolerances,
         origin: Origin::Toml,
         notes: Vec::new(),

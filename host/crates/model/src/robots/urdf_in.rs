@@ -121,6 +121,7 @@ pub(super) fn load_path(
         tool,
         frame_names: (chain.root.clone(), chain.tip.clone()),
         joint_names: turning.iter().map(|&(_, i)| urdf.joints[i].name.clone()).collect(),
+        slides: Vec::new(),
         tolerances: Tolerances::default(),
         notes: urdf.notes.clone(),
         origin: Origin::Urdf(Box::new((urdf, chain))),

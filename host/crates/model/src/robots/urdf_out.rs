@@ -8,6 +8,7 @@
 
 use std::fmt::Write as _;
 
+use nalgebra::Vector3;
 use spherecal_shared::robot::{MdhRow, Pose};
 
 use super::frames::{compose, distance, inverse, row_transform, to_rpy_near};
@@ -19,19 +20,23 @@ use super::urdf_in::frames_at_zero;
 /// are left as the file writes them.
 pub(super) const SAME: f64 = 1e-13;
 
-/// The joint origins that give a URDF's chain the kinematics of a table:
-/// index of the joint, and its origin.
-pub(super) fn corrected(
-    model: &RobotModel,
-    urdf: &Urdf,
-    chain: &UrdfChain,
-    rows: &[MdhRow<f64>],
-) -> Vec<(usize, Pose<f64>)> {
+/// What gives a URDF's chain the kinematics of a table, each with the index of its joint.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Corrected {
+    /// Origins of joints.
+    pub(super) origins: Vec<(usize, Pose<f64>)>,
+    /// Axes of sliding joints, in their own frames.
+    axes: Vec<(usize, Vector3<f64>)>,
+}
+
+/// The joint origins that give a URDF's chain the kinematics of a table, and the axes of the slides as the model has them.
+pub(super) fn corrected(model: &RobotModel, urdf: &Urdf, chain: &UrdfChain, rows: &[MdhRow<f64>]) -> Corrected {
     let zero = vec![0.0; rows.len()];
     let nominal = table_frames(&model.rows(), &zero);
     let calibrated = table_frames(rows, &zero);
     let in_file = frames_at_zero(urdf, chain);
-    let mut out = Vec::new();
+    let mut out = Corrected::default();
+    let mut slides = model.slides.iter();
     let mut before = Pose::identity();
     let mut n = 0;
     for (k, &i) in chain.path.iter().enumerate() {
@@ -40,22 +45,29 @@ pub(super) fn corrected(
         if let (JointMotion::Turns, (Some(was), Some(is))) = (joint.motion, pair) {
             let in_link = compose(&inverse(&compose(&model.base, was)), &in_file[k]);
             let here = compose(&compose(&model.base, is), &in_link);
-            out.push((i, compose(&inverse(&before), &here)));
+            out.origins.push((i, compose(&inverse(&before), &here)));
             before = here;
             n += 1;
         } else {
             before = compose(&before, &joint.origin);
         }
+        if joint.motion == JointMotion::Slides
+            && let Some(direction) = slides.next()
+        {
+            out.axes.push((i, before.rotation.tr_mul(direction)));
+        }
     }
     out
 }
 
+/// Numbers as an attribute holds them.
+fn numbers(v: &[f64]) -> String {
+    let words: Vec<String> = v.iter().map(|x| format!("{}", x + 0.0)).collect();
+    words.join(" ")
+}
+
 /// Text of an `<origin/>`; its angles are those nearest to `like`.
 fn origin_element(frame: &Pose<f64>, like: [f64; 3]) -> String {
-    let numbers = |v: &[f64]| {
-        let words: Vec<String> = v.iter().map(|x| format!("{}", x + 0.0)).collect();
-        words.join(" ")
-    };
     format!(
         "<origin xyz=\"{}\" rpy=\"{}\"/>",
         numbers(frame.position.as_slice()),
@@ -91,10 +103,10 @@ pub fn write_urdf(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String]) ->
 }
 
 /// The text of a URDF with other joint origins.
-fn edited(source: &(Urdf, UrdfChain), origins: Vec<(usize, Pose<f64>)>, notes: &[String]) -> String {
+fn edited(source: &(Urdf, UrdfChain), corrected: Corrected, notes: &[String]) -> String {
     let urdf = &source.0;
     let mut edits: Vec<(usize, usize, String)> = vec![(urdf.root_at, urdf.root_at, comment(notes))];
-    for (i, origin) in origins {
+    for (i, origin) in corrected.origins {
         let joint = &urdf.joints[i];
         if distance(&origin, &joint.origin) < SAME {
             continue;
@@ -102,6 +114,13 @@ fn edited(source: &(Urdf, UrdfChain), origins: Vec<(usize, Pose<f64>)>, notes: &
         match &joint.place {
             OriginPlace::Element(range) => edits.push((range.start, range.end, origin_element(&origin, joint.rpy))),
             OriginPlace::Absent(at) => edits.push((*at, *at, origin_element(&origin, joint.rpy))),
+        }
+    }
+    for (i, axis) in corrected.axes {
+        let text = format!("<axis xyz=\"{}\"/>", numbers(axis.as_slice()));
+        match &urdf.joints[i].axis_place {
+            OriginPlace::Element(range) => edits.push((range.start, range.end, text)),
+            OriginPlace::Absent(at) => edits.push((*at, *at, text)),
         }
     }
     edits.sort_by_key(|e| e.0);
@@ -128,9 +147,9 @@ pub fn write_urdf_with_tcp(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[St
     if let Origin::Urdf(source) = &model.origin {
         let earlier = |joint: &UrdfJoint| joint.carries_own_tcp() && joint.parent == *tip;
         if let Some(i) = source.0.joints.iter().position(earlier) {
-            let mut origins = corrected(model, &source.0, &source.1, rows);
-            origins.push((i, tcp));
-            return edited(source, origins, notes);
+            let mut corrected = corrected(model, &source.0, &source.1, rows);
+            corrected.origins.push((i, tcp));
+            return edited(source, corrected, notes);
         }
         known = &source.0.links;
     }

@@ -48,7 +48,9 @@ impl Urdf {
         };
         for (end, name) in [("base link", base), ("tip link", tip)] {
             if !name.is_empty() && !is_link(name) {
-                let known = listed(self.links.iter().map(String::as_str));
+                let mut links: Vec<&str> = self.links.iter().map(String::as_str).collect();
+                links.sort_by_cached_key(|link| strsim::levenshtein(link, name));
+                let known = listed(links.into_iter());
                 let remedy = format!("name one of the file's links: {known}");
                 return Err(value_error(&self.path, end.to_owned(), name, &remedy));
             }

@@ -33,10 +33,10 @@ pub struct Mimic {
     pub offset: f64,
 }
 
-/// Where a joint's origin stands in the text.
+/// Where a joint's origin or axis stands in the text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum OriginPlace {
-    /// The whole `<origin .../>` element.
+    /// The whole `<origin .../>` or `<axis .../>` element.
     Element(Range<usize>),
     /// There is none: one may be put here, right after the joint's start tag.
     Absent(usize),
@@ -63,6 +63,8 @@ pub struct UrdfJoint {
     pub place: OriginPlace,
     /// Unit axis in the child's frame.
     pub axis: Vector3<f64>,
+    /// Where the axis is written.
+    pub axis_place: OriginPlace,
     /// Smallest and largest position, in rad or m.
     pub range: (f64, f64),
     /// Largest speed, in rad/s or m/s; 0 where the file does not say.
@@ -147,7 +149,8 @@ pub(super) fn read(
         "fixed" => JointMotion::Fixed,
         _ => JointMotion::Other,
     };
-    let axis = match child(node, "axis").and_then(|n| n.attribute("xyz")) {
+    let axis_node = child(node, "axis");
+    let axis = match axis_node.and_then(|n| n.attribute("xyz")) {
         Some(text) => triple(path, || format!("{owner}: axis xyz"), text, 1e6)?.into(),
         None => Vector3::x(),
     };
@@ -165,6 +168,10 @@ pub(super) fn read(
     let origin_node = child(node, "origin");
     let (xyz, rpy) = origin_numbers(path, &owner, origin_node)?;
     odd.extend(limits.odd.iter().map(|what| format!("{owner}: {what}")));
+    let place = |element: Option<roxmltree::Node<'_, '_>>| {
+        let absent = || OriginPlace::Absent(after_start_tag(text, node));
+        element.map_or_else(absent, |n| OriginPlace::Element(n.range()))
+    };
     Ok(UrdfJoint {
         parent: link_of("parent")?,
         child: link_of("child")?,
@@ -173,10 +180,8 @@ pub(super) fn read(
             position: xyz.into(),
         },
         rpy,
-        place: origin_node.map_or_else(
-            || OriginPlace::Absent(after_start_tag(text, node)),
-            |n| OriginPlace::Element(n.range()),
-        ),
+        place: place(origin_node),
+        axis_place: place(axis_node),
         axis: if length > 0.0 { axis / length } else { axis },
         range: limits.range,
         velocity: limits.velocity,
