@@ -9,6 +9,7 @@ mod arms;
 mod bags;
 mod before_planning;
 mod certificate;
+mod chains;
 mod check;
 mod circles;
 mod collect;

@@ -323,3 +323,29 @@ impl Tool {
         check_body(0, &self.body)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::iiwa7;
+
+    // Fails if the host's robot is another one on a wire than the controller's, or if nine joints reach a controller.
+    #[test]
+    fn a_robot_is_the_same_for_the_host_and_for_a_controller() {
+        let mut robot = iiwa7();
+        let driven = robot.driven().unwrap();
+        assert_eq!(DrivenRobot::SCHEMA, <Robot as Schema>::SCHEMA);
+        let mut buffers = [[0; 4096]; 3];
+        let [own, other, nine] = &mut buffers;
+        let bytes = postcard::to_slice(&robot, own).unwrap();
+        assert_eq!(bytes, postcard::to_slice(&driven, other).unwrap());
+        assert_eq!(postcard::from_bytes::<DrivenRobot>(bytes).unwrap(), driven);
+        for _ in 7..9 {
+            robot.joints.push(robot.joints[0]).unwrap();
+        }
+        assert_eq!(robot.driven(), Err(RobotError::TooManyJoints { found: 9 }));
+        let bytes = postcard::to_slice(&robot, nine).unwrap();
+        assert!(postcard::from_bytes::<DrivenRobot>(bytes).is_err());
+        assert_eq!(postcard::from_bytes::<Robot>(bytes).unwrap(), robot);
+    }
+}

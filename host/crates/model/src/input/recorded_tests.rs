@@ -170,3 +170,49 @@ fn refusals_name_the_line_of_the_file() {
     let refused = read(short, &[], &TableFormat::new(1)).unwrap_err();
     assert!(refused.contains("line 3"), "{refused}");
 }
+
+// Fails if the columns of a robot's other joints are refused, taken for its own, or left out without a word; or if one that
+// carries the base and moves is not named.
+#[test]
+fn joints_beside_the_chain_are_left_out() {
+    let format = TableFormat {
+        joint_names: names(&["arm_1_joint", "arm_2_joint"]),
+        others: names(&["Torso_joint", "head_joint", "wheel_joint"]),
+        carriers: names(&["Torso_joint", "wheel_joint"]),
+        ..TableFormat::new(2)
+    };
+    let table = |torso: [f64; 2]| {
+        let [a, b] = torso;
+        format!(
+            "torso_joint_deg,head_joint.pos,arm_2_joint,wheel_joint,arm_1_joint,x_mm,y_mm,z_mm\n\
+             {a},3,-1.25,0.001,0.5,100.5,0,-0.25\n{b},4,2,0.002,1.5,7,8,9\n"
+        )
+    };
+    let (plain, _) = read(PLAIN, &[], &format).unwrap();
+    for (torso, moves) in [([10.0, 10.2], false), ([10.0, 12.0], true)] {
+        let (found, recorded) = read(&table(torso), &[], &format).unwrap();
+        assert_eq!(
+            found.rows().map(|r| r.q.to_vec()).collect::<Vec<_>>(),
+            [[0.5, -1.25], [1.5, 2.0]]
+        );
+        assert_eq!(
+            found.rows().map(|r| r.target()).collect::<Vec<_>>(),
+            plain.rows().map(|r| r.target()).collect::<Vec<_>>()
+        );
+        let notes = recorded.notes.join("; ");
+        assert!(
+            notes.contains("are not used: torso_joint_deg, head_joint.pos, wheel_joint"),
+            "{notes}"
+        );
+        assert_eq!(
+            notes.contains("torso_joint_deg moves in these rows and carries the base"),
+            moves,
+            "{notes}"
+        );
+        assert!(!notes.contains("wheel_joint moves"), "{notes}");
+    }
+    // The reader alone leaves them out, too.
+    let csv = table([0.0, 0.0]);
+    let alone = read_csv("t.csv", csv.as_bytes(), &format, &mut Labels::default()).unwrap();
+    assert_eq!(alone.rows().count(), 2);
+}

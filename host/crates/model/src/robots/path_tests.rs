@@ -127,3 +127,50 @@ fn the_path_of_a_table_is_the_table() {
         assert!(distance(&path.frames(&q).tip, &model.flange_at(&q)) < 1e-12, "{name}");
     }
 }
+
+// Fails if a slide's direction as it was found is not the one of the file that is written, behind a turned hinge of a
+// corrected table too, or if the file differs from the table with the slide at zero.
+#[test]
+fn found_directions_of_slides_are_written() {
+    let joint = |name: &str, kind: &str, parent: usize, rpy: &str, axis: &str| {
+        format!(
+            "<link name=\"l{}\"/><joint name=\"{name}\" type=\"{kind}\"><parent link=\"l{parent}\"/><child link=\"l{}\"/>\
+             <origin xyz=\"0.1 0.2 0.3\" rpy=\"{rpy}\"/>{axis}<limit lower=\"-1\" upper=\"1\"/></joint>",
+            parent + 1,
+            parent + 1
+        )
+    };
+    let text = [
+        "<robot name=\"r\"><link name=\"l0\"/>".to_owned(),
+        joint("rail", "prismatic", 0, "0 0 0.5", ""),
+        joint("a", "revolute", 1, "0.2 0 0", "<axis xyz=\"0 0 1\"/>"),
+        joint("b", "revolute", 2, "0 0.4 0", "<axis xyz=\"0 1 0\"/>"),
+        joint("quill", "prismatic", 3, "0.1 0.2 0.3", "<axis xyz=\"0 0 -1\"/>"),
+        joint("c", "revolute", 4, "0 0 0", "<axis xyz=\"1 0 0\"/>"),
+        "</robot>".to_owned(),
+    ]
+    .concat();
+    let mut model = super::super::urdf_in::load_path("r.urdf", &text, Some("l5"), None).unwrap();
+    model.slides = vec![
+        Vector3::new(0.9, 0.4, -0.1).normalize(),
+        Vector3::new(0.2, -0.1, -1.0).normalize(),
+    ];
+    let mut rows = model.rows();
+    for row in &mut rows {
+        row.theta += 0.02;
+        row.alpha -= 0.01;
+    }
+    let written = super::super::write_urdf(&model, &rows, &[]);
+    let again = super::super::urdf_in::load_path("r.urdf", &written, Some("l5"), None).unwrap();
+    let path = again.joint_path().unwrap();
+    assert_eq!(path.columns, ["rail", "a", "b", "quill", "c"]);
+    let tip = |q: &[f64]| path.frames(&path.positions(q)).tip;
+    let zero = tip(&[0.0; 5]);
+    for (k, direction) in [0, 3].into_iter().zip(&model.slides) {
+        let mut q = [0.0; 5];
+        q[k] = 0.5;
+        assert!((tip(&q).position - zero.position - direction * 0.5).norm() < 1e-12);
+    }
+    let q = [0.0, 0.3, -0.7, 0.0, 0.4];
+    assert!(distance(&tip(&q), &model.flange_with(&rows, &[0.3, -0.7, 0.4])) < 1e-12);
+}

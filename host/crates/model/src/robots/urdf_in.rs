@@ -32,7 +32,7 @@ pub(super) fn frames_at_zero(urdf: &Urdf, chain: &UrdfChain) -> Vec<Pose<f64>> {
 /// Reads the chain that `ends` names (`TIP` or `BASE:TIP`, or the arm) of a URDF.
 ///
 /// # Errors
-/// What [`Urdf::parse`] and [`Urdf::chain`] refuse, chains of other lengths than 1 to 8 turning joints, chains that are
+/// What [`Urdf::parse`] and [`Urdf::chain`] refuse, chains of other lengths than 1 to [`MAX_CHAIN`] turning joints, chains that are
 /// not plain ([`RobotModel::plain`]), and impossible masses.
 pub fn load(path: &str, text: &str, ends: Option<&str>) -> Result<RobotModel, RobotFileError> {
     load_path(path, text, ends, None)?.plain()

@@ -201,6 +201,13 @@ fn a_tip_that_is_not_clear_is_asked_for() {
     let model = named("body:left_flange").unwrap();
     assert_eq!(model.frame_names, ("body".to_owned(), "left_flange".to_owned()));
     assert_eq!(model.joint_names.len(), 6);
+    let all: Vec<String> = ["torso", "right_joint1", "head_pan"].map(str::to_owned).into();
+    let (others, carriers) = model.other_joints().unwrap();
+    assert!(
+        all.iter().all(|name| others.contains(name)) && others.len() == 8,
+        "{others:?}"
+    );
+    assert_eq!(carriers, ["torso"]);
     // The way from the root holds the torso: no plain arm.
     let whole = named("left_flange").unwrap();
     assert_eq!(whole.joint_path().unwrap().columns[..2], ["torso", "left_joint1"]);

@@ -121,8 +121,12 @@ pub(super) fn robots() -> Vec<(&'static str, String, Outcome)> {
             six.replace("revolute", "continuous"),
             Read("base_link", "link6", 6),
         ),
-        ("eight joints", arm("", "base_link", 8), Read("base_link", "link8", 8)),
-        ("nine joints", arm("", "base_link", 9), Refused("9 turning joints")),
+        (
+            "twenty joints",
+            arm("", "base_link", 20),
+            Read("base_link", "link20", 20),
+        ),
+        ("21 joints", arm("", "base_link", 21), Refused("21 turning joints")),
         ("one joint", "j revolute a b".to_owned(), Read("a", "b", 1)),
         ("no joint", "j fixed a b".to_owned(), Refused("no joint moves an arm")),
         (
