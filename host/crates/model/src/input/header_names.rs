@@ -134,7 +134,13 @@ pub(super) fn known(format: &TableFormat) -> String {
 pub(super) fn hint(name: &str, format: &TableFormat) -> Option<String> {
     let mut rest = name.chars();
     if rest.next().is_some_and(|axis| "xyz".contains(axis)) && rest.all(|c| c.is_ascii_digit()) {
-        return Some(format!("\"{name}\" has no unit: name it {name}_mm or {name}_m"));
+        let of = |axis: &str| format!("{axis}{}", name.trim_start_matches(['x', 'y', 'z']));
+        return Some(format!(
+            "\"{name}\" has no unit: name it {name}_mm or {name}_m, or give --columns point_m={},{},{};",
+            of("x"),
+            of("y"),
+            of("z")
+        ));
     }
     if name.chars().count() > 20 {
         return None;
