@@ -17,6 +17,15 @@ use super::seen::{RowPart, Seen};
 
 /// Largest number of joints, as a length of arrays.
 pub(crate) const N: usize = MAX_CHAIN;
+/// Joints that are computed side by side.
+const LANES: usize = 4;
+
+/// Length of arrays by joint over which a robot with `n` joints is computed: no more than it needs of the room for any.
+#[inline]
+pub(crate) fn lanes(n: usize) -> usize {
+    n.next_multiple_of(LANES).min(N)
+}
+
 /// Room for the general columns of any layout and the six of a base.
 pub(crate) const OWN: usize = 5 * N + 15 + 3 * MOST_TARGETS;
 
@@ -194,8 +203,9 @@ impl State {
         }
         let (c, s) = (trig.map(|t| t.0), trig.map(|t| t.1));
         let (mut ck, mut sk) = (c, s);
+        let lanes = lanes(self.rows.len());
         for [cosine, sine] in &self.waves {
-            for j in 0..N {
+            for j in 0..lanes {
                 deviations[j] += cosine[j] * ck[j] + sine[j] * sk[j];
                 (ck[j], sk[j]) = (ck[j] * c[j] - sk[j] * s[j], sk[j] * c[j] + ck[j] * s[j]);
             }

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::groups::add_all;
 use super::whitening::{Conditional, Root, Whitening};
-use crate::chain::{Kinematics, N, OWN, Prepared, State};
+use crate::chain::{Kinematics, N, OWN, Prepared, State, lanes};
 use crate::parameters::Layout;
 use crate::seen::Seen;
 
@@ -148,7 +148,7 @@ impl PoseColumns {
             }
             *slot = phi;
         }
-        let mut waves = Waves::new(&self.trig, [1.0; N]);
+        let mut waves = Waves::new(layout.n, &self.trig, [1.0; N]);
         for k in 0..layout.orders {
             let at = first + 2 * k;
             for (slot, (c, s)) in slots.iter_mut().zip(waves.ck.iter().zip(&waves.sk)) {
@@ -180,7 +180,7 @@ impl PoseColumns {
                 first = 2;
             }
         }
-        let mut waves = Waves::new(&self.trig, along);
+        let mut waves = Waves::new(layout.n, &self.trig, along);
         for k in 0..layout.orders {
             let at = first + 2 * k;
             for (to, (c, s)) in sum.joints.chunks_exact_mut(basis).zip(waves.ck.iter().zip(&waves.sk)) {
@@ -194,6 +194,7 @@ impl PoseColumns {
 
 /// Cosine and sine of one multiple of every joint's angle, times a factor.
 struct Waves {
+    lanes: usize,
     c: [f64; N],
     s: [f64; N],
     ck: [f64; N],
@@ -203,9 +204,10 @@ struct Waves {
 impl Waves {
     /// The first multiple.
     #[inline]
-    fn new(trig: &[(f64, f64); N], factor: [f64; N]) -> Self {
+    fn new(n: usize, trig: &[(f64, f64); N], factor: [f64; N]) -> Self {
         let (c, s) = (trig.map(|t| t.0), trig.map(|t| t.1));
         Self {
+            lanes: lanes(n),
             c,
             s,
             ck: std::array::from_fn(|j| factor[j] * c[j]),
@@ -216,7 +218,7 @@ impl Waves {
     /// The next multiple.
     #[inline]
     fn turn(&mut self) {
-        for j in 0..N {
+        for j in 0..self.lanes.min(N) {
             let (ck, sk) = (self.ck[j], self.sk[j]);
             self.ck[j] = ck * self.c[j] - sk * self.s[j];
             self.sk[j] = sk * self.c[j] + ck * self.s[j];
