@@ -340,8 +340,7 @@ impl NativeIdentification {
     fn write(&self, py: Python<'_>, folder: String) -> PyResult<Vec<String>> {
         guarded(py, || {
             let certificate = self.certificate();
-            let page =
-                render(&study_report(&self.study, &now_utc(), certificate)).map_err(spherecal::job::JobError::from)?;
+            let page = render(&study_report(&self.study, &now_utc())).map_err(spherecal::job::JobError::from)?;
             let files = write_files(&self.study, Path::new(&folder), certificate, Some(&page))?;
             Ok(files.paths.iter().map(|p| p.display().to_string()).collect())
         })

@@ -3,8 +3,8 @@
     check_print.py REPORT.html FOLDER
 
 Writes a4.pdf and letter.pdf into FOLDER, and page one of each as a4.png and letter.png. Prints one
-line of JSON: for each paper what is cut, how much of the page the certificate takes, what stays
-folded, and the number of pages.
+line of JSON: for each paper what is cut, the folded parts that are printed, the rows that may be
+split, and the number of pages.
 """
 
 import json
@@ -23,39 +23,26 @@ browser_path = os.environ.get("SPHERECAL_CHROMIUM") or shutil.which("chromium") 
 
 # Paper in mm, and the margins of the page's own style.
 PAPERS = {"a4": ("A4", 210.0, 297.0), "letter": ("Letter", 215.9, 279.4)}
-SIDE, TOP, BOTTOM = 14.0, 13.0, 14.0
+SIDE, TOP, BOTTOM = 14.0, 13.0, 16.0
 PX = 96.0 / 25.4
 
 # What is wider than the paper, than its parent, or than the room that it has.
 CUT = """width => {
   const out = [], name = e => e.tagName + '.' + e.className + ' ' + (e.textContent || '').trim().slice(0, 40);
-  const inside = e => document.getElementById('certificate') && document.getElementById('certificate').contains(e);
   for (const e of document.querySelectorAll('main *')) {
     if (e.closest('svg') && e.tagName !== 'svg') continue;
     const box = e.getBoundingClientRect();
     if (!box.width || !box.height || e.tagName === 'INPUT') continue;
     if (box.right > width + 0.6 || box.left < -0.6) out.push(['paper', name(e), box.right - width]);
     if (e.scrollWidth > e.clientWidth + 1 && e.clientWidth && getComputedStyle(e).display !== 'inline') out.push(['room', name(e), e.scrollWidth - e.clientWidth]);
-    if (!inside(e)) continue;
-    const parent = e.parentElement.getBoundingClientRect();
-    if (box.right > parent.right + 0.6 || box.left < parent.left - 0.6) out.push(['parent', name(e), box.right - parent.right]);
-    if (box.bottom > parent.bottom + 0.6) out.push(['below', name(e), box.bottom - parent.bottom]);
   }
   return out.slice(0, 12);
 }"""
-LOOK = """() => {
-  const c = document.getElementById('certificate');
-  return {
-    height: c ? c.getBoundingClientRect().height : 0,
-    last: document.querySelector('main > footer').previousElementSibling.id,
-    break_before: c ? getComputedStyle(c).breakBefore : '',
-    folded: [...document.querySelectorAll('.folded')].filter(e => !e.closest('.screen') && !e.getBoundingClientRect().height).length,
-    folds: document.querySelectorAll('.folded').length,
-    screen_only: [...document.querySelectorAll('.screen')].filter(e => e.getBoundingClientRect().height).length,
-    split_rows: [...document.querySelectorAll('tr')].filter(e => getComputedStyle(e).breakInside !== 'avoid').length,
-    text: c ? c.innerText : '',
-  };
-}"""
+LOOK = """() => ({
+  open: [...document.querySelectorAll('.folded')].filter(e => e.getBoundingClientRect().height).length,
+  folds: document.querySelectorAll('.folded').length,
+  split_rows: [...document.querySelectorAll('tr')].filter(e => getComputedStyle(e).breakInside !== 'avoid').length,
+})"""
 
 result = {}
 with sync_playwright() as playwright:
@@ -67,7 +54,6 @@ with sync_playwright() as playwright:
         page.goto(report, wait_until="load")
         found = page.evaluate(LOOK)
         found["cut"] = page.evaluate(CUT, int(room[0]))
-        found["share"] = found.pop("height") / room[1]
         page.screenshot(path=folder / f"{name}.png")
         pdf = folder / f"{name}.pdf"
         page.pdf(path=pdf, format=paper, print_background=True)

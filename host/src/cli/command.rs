@@ -3,6 +3,7 @@
 use clap::{Parser, Subcommand};
 
 use super::args::{RunArgs, StoredArgs};
+use super::certificate::CertificateArgs;
 use super::check::CheckArgs;
 use super::collect::CollectArgs;
 use super::commission::CommissionArgs;
@@ -95,6 +96,8 @@ pub enum CliCommand {
     /// Identify the last run of --out again, and write all of its files.
     #[command(after_help = "Example: spherecal report --out cell-4")]
     Report(StoredArgs),
+    /// Write the certificate of an accepted result.
+    Certificate(CertificateArgs),
     /// Write a run as tables: Parquet or CSV.
     #[command(after_help = "Example: spherecal export --csv --out cell-4 && \
                             spherecal identify --robot iiwa7 --data cell-4/tables/poses.csv --plate paper")]

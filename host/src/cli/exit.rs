@@ -54,6 +54,14 @@ impl CliError {
         }
     }
 
+    /// The result must not be used.
+    pub fn refused(error: impl std::fmt::Display) -> Self {
+        Self {
+            message: error.to_string(),
+            exit: Exit::NotTrusted,
+        }
+    }
+
     /// The job failed.
     pub fn job(error: impl std::fmt::Display) -> Self {
         Self {

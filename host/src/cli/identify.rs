@@ -112,8 +112,7 @@ pub struct IdentifyArgs {
     /// Without effect, and accepted for one more release: the data find how large the arm's errors are.
     #[arg(long, requires = "data", hide = true)]
     pub uncalibrated: bool,
-    /// Names and numbers for the certificate in the report: a file with the block [certificate], such as the cell's
-    /// configuration.
+    /// Names and numbers for the certificate: a file with the block [certificate], such as the cell's configuration.
     #[arg(long, value_name = "FILE.toml", requires = "data")]
     pub certificate: Option<PathBuf>,
     /// Write the rows to this file for sharing: joints, torques, targets and placements alone, without names, further
@@ -329,7 +328,7 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
         );
     }
     let certificate = study_certificate(&study, &stated);
-    let report = render(&study_report(&study, &now_utc(), &certificate))?;
+    let report = render(&study_report(&study, &now_utc()))?;
     let files = write_files(&study, &args.out, &certificate, Some(&report))?;
     if let Some(moved) = &files.moved {
         errln!("spherecal: {moved}");

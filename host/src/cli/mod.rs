@@ -9,6 +9,7 @@
 
 mod args;
 mod bag;
+mod certificate;
 mod check;
 mod collect;
 mod command;
@@ -146,6 +147,7 @@ fn execute(cli: Cli) -> Result<Exit, CliError> {
         Some(CliCommand::Identify(args)) => identify::run(&args),
         Some(CliCommand::Validate(args)) => stages::validate(&args),
         Some(CliCommand::Report(args)) => stages::report(&args),
+        Some(CliCommand::Certificate(args)) => certificate::run(&args),
         Some(CliCommand::Export(args)) => export::run(&args),
         Some(CliCommand::Robot(args)) => robot::run(&args),
         Some(CliCommand::Plant(args)) => servers::plant(&args),

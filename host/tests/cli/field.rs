@@ -388,7 +388,7 @@ fn slow_the_report_renders_in_a_browser() {
         let headings = found["headings"].to_string();
         for heading in [
             "Accuracy",
-            "Over the workspace",
+            "Remarks",
             "Parameters",
             "Correlations",
             "Contacts",

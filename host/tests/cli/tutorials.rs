@@ -57,6 +57,7 @@ fn carry_out(name: &str) {
         "tracker.md" => &[
             "cell/tracker/report.html",
             "cell/tracker/calibrated.urdf",
+            "cell/tracker/certificate-draft.html",
             "practice/report.html",
         ],
         "franka.md" => &["rehearsal/report.html", "rehearsal/tables/poses.csv"],

@@ -4,8 +4,7 @@ use sha2::{Digest, Sha256};
 use spherecal_identify::Recordings;
 use spherecal_identify::Source;
 use spherecal_identify::evaluate::repeatability;
-use spherecal_report::{BudgetLine, COVERAGE, Certificate, PositionError, Uncertainty};
-use spherecal_store::time::months_after;
+use spherecal_report::{BudgetLine, COVERAGE, Certificate, Conformity, PositionError, Uncertainty};
 
 use crate::{CertificateSection, Evaluation, JobError, Measurements};
 
@@ -47,9 +46,6 @@ pub(crate) fn certificate(
     recordings: &Recordings,
     evaluation: &Evaluation,
 ) -> Certificate {
-    let given = |value: &Option<String>| value.clone().filter(|v| !v.trim().is_empty());
-    let measured = given(&section.measured_on).filter(|_| about.measured.is_none());
-    let measured = measured.or_else(|| about.measured.map(str::to_owned));
     let verdict = &evaluation.verdict;
     let calibration = &evaluation.calibration;
     let closed_loop = recordings.closed_loop();
@@ -58,25 +54,13 @@ pub(crate) fn certificate(
         (true, false) => "contacts with the spheres of a plate, from a table",
         (false, _) => "points measured by an instrument, from a table",
     };
-    let next = section
-        .validity_months
-        .filter(|_| verdict.may_be_used)
-        .and_then(|months| months_after(measured.as_deref()?, months));
     let (uncertainty, budget) = budget(recordings, evaluation);
-    Certificate {
+    let mut certificate = Certificate {
         simulated: about.simulated,
-        number: given(&section.number),
-        laboratory: given(&section.laboratory),
-        place: given(&section.place),
-        operator: given(&section.operator),
+        contacts: closed_loop,
         robot: about.robot.to_owned(),
-        serial: given(&section.serial).or_else(|| Some(about.arm.to_owned()).filter(|arm| !arm.is_empty())),
-        measured,
-        temperature_c: section.temperature_c,
-        instrument: given(&section.instrument),
-        instrument_certificate: given(&section.instrument_certificate),
-        plate: given(&section.plate),
-        plate_certificate: given(&section.plate_certificate),
+        serial: Some(about.arm.to_owned()).filter(|arm| !arm.is_empty()),
+        measured: about.measured.map(str::to_owned),
         method: method.to_owned(),
         estimator: estimator(&calibration.method.to_string(), &calibration.model.to_string()),
         program: concat!("spherecal ", env!("CARGO_PKG_VERSION")).to_owned(),
@@ -91,11 +75,36 @@ pub(crate) fn certificate(
         budget,
         position_errors: position_errors(recordings, evaluation, about.simulated),
         repeatability: repeatability(recordings, evaluation),
+        conformity: conformity(evaluation),
         may_be_used: verdict.may_be_used,
         reasons: verdict.reasons.clone(),
-        validity_months: section.validity_months,
-        next_calibration: next,
-    }
+        ..Certificate::default()
+    };
+    section.state(&mut certificate);
+    certificate
+}
+
+/// Conformity with the accuracy that was asked for, by the check that the verdict made of it.
+fn conformity(evaluation: &Evaluation) -> Option<Conformity> {
+    let check = |name: &str| evaluation.verdict.checks.iter().find(|c| c.name == name);
+    let asked = check("asked_accuracy")?;
+    let (decides, rule) = match check("asked_accuracy_sure") {
+        Some(sure) => (
+            sure,
+            "Decision rule: the robot conforms if its mean error over the work region is below that with a probability of at \
+             least 95 %.",
+        ),
+        None => (
+            asked,
+            "Decision rule: the robot conforms if the mean of the measured errors is at most that (simple acceptance).",
+        ),
+    };
+    Some(Conformity {
+        asked_mm: asked.limit?,
+        rule: rule.to_owned(),
+        conforms: asked.passed && decides.passed,
+        words: decides.words.clone(),
+    })
 }
 
 /// The uncertainty with its budget: every source that such data have, with its figure or the

@@ -8,13 +8,15 @@ use spherecal_model::{read_text, read_toml};
 use super::JobError;
 
 /// Files of a result, by name.
-const RESULTS: [&str; 6] = [
+const RESULTS: [&str; 8] = [
     "summary.json",
     "calibrated.toml",
     "calibrated.urdf",
     "kinematics.yaml",
     "offsets.yaml",
     "report.html",
+    "certificate.html",
+    "certificate-draft.html",
 ];
 /// Largest file that is read to learn whose result it is, in bytes.
 const MOST_BYTES: u64 = 64 << 20;

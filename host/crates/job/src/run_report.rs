@@ -5,7 +5,8 @@ use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_identify::validate::{Alignment, ValidationTable};
 use spherecal_model::LaserShot;
 use spherecal_report::calibration::{correlation, group_table, identifiability_words, parameter_rows};
-use spherecal_report::headline::{Error, compared, error_figures, expected_figures};
+use spherecal_report::headline::{Error, compared, files};
+use spherecal_report::judged;
 use spherecal_report::{
     ErrorSeries, ErrorTable, Headline, HistogramChart, ModelRow, PredictedAccuracy, ReportInput, ResidualPoint,
     WorkspacePoint,
@@ -24,6 +25,8 @@ pub fn run_report(
     traces: &[ContactTrace],
     created: &str,
 ) -> ReportInput {
+    // Without a tracker, contacts that the fit has not seen judge.
+    let judged = e.judged.as_ref();
     ReportInput {
         title: format!(
             "{}{}: calibration report",
@@ -37,12 +40,23 @@ pub fn run_report(
             s.link_name,
             s.seed
         ),
-        certificate: Some(s.certificate.clone()),
-        headline: headline(e, s),
-        error_tables: e.table().map(error_tables).unwrap_or_default(),
-        errors: e.table().map(errors).unwrap_or_default(),
-        errors_axis: "base by arcs".to_owned(),
-        workspace: e.table().map(|t| workspace(m, e, t)).unwrap_or_default(),
+        headline: Headline {
+            trusted: s.verdict.may_be_used,
+            sentence: s.verdict.headline.clone(),
+            reasons: s.verdict.reasons.clone(),
+            next: s.verdict.next.clone(),
+            files: files(e),
+            figures: Vec::new(),
+        },
+        comparison: comparison(s),
+        error_tables: e.table().map_or_else(|| judged::tables(e), error_tables),
+        errors: e.table().map(errors).or(judged.map(judged::series)).unwrap_or_default(),
+        errors_axis: e.table().map(|_| "base by arcs").unwrap_or_default().to_owned(),
+        workspace: e
+            .table()
+            .map(|t| workspace(m, e, t))
+            .or(judged.map(judged::workspace))
+            .unwrap_or_default(),
         contacts: traces.to_vec(),
         contact_threshold_n: m.config.procedure.approach.trigger_n,
         triggers: triggers(m),
@@ -62,7 +76,10 @@ pub fn run_report(
             })
             .collect(),
         correlation: correlation(&e.calibration),
-        prediction: e.table().map(|t| prediction(m, e, t)),
+        prediction: e
+            .table()
+            .map(|t| prediction(m, e, t))
+            .or_else(|| judged::prediction(e, &m.to_recordings())),
         fit_tables: vec![
             group_table(&e.calibration.groups, |p| {
                 if p == 0 { String::new() } else { format!("place {p}") }
@@ -77,62 +94,20 @@ pub fn run_report(
     }
 }
 
-fn headline(e: &Evaluation, s: &Summary) -> Headline {
+/// What was compared with what, in sentences.
+fn comparison(s: &Summary) -> String {
     let of = |name: &str| {
         s.validation.models.get(name).map(|m| Error {
             mean_mm: m.arcs.mean_mm,
             max_mm: m.arcs.max_mm,
         })
     };
-    let mut figures = Vec::new();
-    let mut detail = match (of("nominal"), of("sphere")) {
+    match (of("nominal"), of("sphere")) {
         (Some(n), Some(c)) => {
-            figures.extend(error_figures("", n, c));
-            compared(
-                &format!("Calibrated by touching spheres, the {}", s.robot),
-                &s.robot,
-                n,
-                c,
-            )
+            let subject = format!("Calibrated by touching spheres, the {}", s.robot);
+            compared(&subject, &s.robot, n, c) + &against_the_laser(s)
         }
-        _ => match (s.verdict.expected_error_mm, s.verdict.nominal_error_mm) {
-            (Some(e), Some(n)) => format!(
-                "The {} was calibrated by touching spheres; no laser tracker judged the result. Its expected error over the work \
-                 region is {:.3} mm in the mean (95 % interval {:.3} to {:.3} mm), that of the nominal robot {:.3} mm.",
-                s.robot, e.mean, e.interval[0], e.interval[1], n.mean
-            ),
-            _ => format!(
-                "The {} was calibrated by touching spheres; no laser tracker judged the result, and the expected error over \
-                 the work region could not be computed.",
-                s.robot
-            ),
-        },
-    };
-    detail += &against_the_laser(s);
-    figures.push((
-        "Recordings".to_owned(),
-        s.poses.recorded.to_string(),
-        format!("{} given up, {} outliers", s.poses.rejected, s.residual.outliers),
-    ));
-    figures.extend(expected_figures(e));
-    let identified = e.calibration.parameters.iter().filter(|p| p.identified).count();
-    figures.push((
-        "Parameters".to_owned(),
-        identified.to_string(),
-        "determined by the data".to_owned(),
-    ));
-    figures.push((
-        "Robot time".to_owned(),
-        format!("{:.0} min", s.simulated_s / 60.0),
-        format!("{} contacts, {} faults", s.contacts.len(), s.faults.len()),
-    ));
-    Headline {
-        trusted: s.verdict.may_be_used,
-        sentence: s.verdict.headline.clone(),
-        detail,
-        reasons: s.verdict.reasons.clone(),
-        next: s.verdict.next.clone(),
-        figures,
+        _ => "No laser tracker judged the result.".to_owned(),
     }
 }
 

@@ -1,18 +1,17 @@
-//! The certificate: the last page of the report, as a laboratory files it, and the same figures for
-//! programs (`certificate` in `summary.json`). Both are made from one [`Certificate`].
+//! The certificate of a result: its figures and names for programs (`certificate` in `summary.json`), from which
+//! `spherecal certificate` makes the document that a laboratory issues.
 
-use maud::{Markup, html};
-use serde::Serialize;
+mod document;
+
+use serde::{Deserialize, Serialize};
 use spherecal_identify::ExpectedError;
 use spherecal_identify::evaluate::Repeatability;
 
 /// Coverage factor of the expanded uncertainty.
 pub const COVERAGE: f64 = 2.0;
-/// Reasons that the certificate lists; the report has all.
-const REASONS: usize = 2;
 
 /// A line of the budget.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct BudgetLine {
     /// Name for programs.
     pub source: String,
@@ -26,7 +25,7 @@ pub struct BudgetLine {
 }
 
 /// The uncertainty of a position of the TCP, in mm.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Uncertainty {
     /// Standard uncertainty: root mean square of the position error over the work region.
     pub standard_mm: f64,
@@ -40,7 +39,7 @@ pub struct Uncertainty {
 }
 
 /// Position errors that were measured at poses outside of the fit, in mm.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PositionError {
     /// Who measured, and in which frame the errors are.
     pub by: String,
@@ -54,19 +53,42 @@ pub struct PositionError {
     pub nominal_mean_mm: f64,
 }
 
+/// Conformity with an accuracy that was asked for.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Conformity {
+    /// Largest mean error, in mm.
+    pub asked_mm: f64,
+    /// Decision rule, as a sentence.
+    pub rule: String,
+    /// Whether the robot conforms by that rule.
+    pub conforms: bool,
+    /// What was compared, as a sentence.
+    pub words: String,
+}
+
 /// Everything on it. What is not known is `None`, and is printed as "not stated".
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Certificate {
     /// Whether the arm was a simulation: then this certifies no robot.
     pub simulated: bool,
+    /// Whether the data are contacts with the spheres of a plate; else an instrument measured points.
+    pub contacts: bool,
     /// Number of the certificate.
     pub number: Option<String>,
+    /// Customer.
+    pub customer: Option<String>,
+    /// Address of the customer.
+    pub customer_address: Option<String>,
     /// Laboratory.
     pub laboratory: Option<String>,
+    /// Address of the laboratory.
+    pub laboratory_address: Option<String>,
     /// Where the robot stands.
     pub place: Option<String>,
     /// Who calibrated.
     pub operator: Option<String>,
+    /// Who authorises the certificate.
+    pub authorised_by: Option<String>,
     /// Robot.
     pub robot: String,
     /// Its serial number.
@@ -75,6 +97,8 @@ pub struct Certificate {
     pub measured: Option<String>,
     /// Temperature, in degrees Celsius.
     pub temperature_c: Option<f64>,
+    /// Further conditions of the measurement, in words.
+    pub conditions: Option<String>,
     /// Instrument.
     pub instrument: Option<String>,
     /// Number of the instrument's certificate.
@@ -111,6 +135,8 @@ pub struct Certificate {
     pub position_errors: Vec<PositionError>,
     /// Repeatability of coupling a sphere.
     pub repeatability: Option<Repeatability>,
+    /// Conformity with the accuracy that was asked for; none where none was.
+    pub conformity: Option<Conformity>,
     /// Verdict.
     pub may_be_used: bool,
     /// Why not, or what to keep in mind.
@@ -130,183 +156,41 @@ pub fn millimetres(value: f64) -> String {
     }
 }
 
-fn stated(value: Option<&str>) -> Markup {
-    if let Some(value) = value.map(str::trim).filter(|v| !v.is_empty()) {
-        html! { (value) }
-    } else {
-        html! { span.unstated { "not stated" } }
-    }
-}
-
-fn fact(name: &str, value: &Markup) -> Markup {
-    html! { div { dt { (name) } dd { (value) } } }
-}
-
-/// A row of results: name, figure in mm, words.
-fn row(name: &str, figure: &str, words: &str) -> Markup {
-    html! { tr { td { (name) } td { (figure) } td.words { (words) } } }
-}
-
-fn expected(name: &str, error: Option<&ExpectedError>) -> Markup {
-    match error {
-        Some(e) => row(
-            name,
-            &millimetres(e.mean),
-            &format!(
-                "mean; 95 % interval {} to {}; 95 % of the work region below {}",
-                millimetres(e.interval[0]),
-                millimetres(e.interval[1]),
-                millimetres(e.p95)
-            ),
-        ),
-        None => row(name, "not stated", "the data do not tell it"),
-    }
-}
-
 impl Certificate {
-    /// The page.
-    pub(crate) fn page(&self) -> Markup {
-        let text = |value: &Option<String>| stated(value.as_deref());
-        let celsius = self.temperature_c.map(|c| format!("{c} \u{b0}C"));
-        let program = html! { (self.program) ", commit " (text(&self.commit)) };
-        html! {
-            section #certificate.certificate {
-                div.head {
-                    h2 { "Calibration certificate" }
-                    p { "No. " (text(&self.number)) }
-                }
-                @if self.simulated {
-                    p.simulated { b { "SIMULATED" } " The arm was a simulation. This page certifies no robot." }
-                }
-                dl.facts2 {
-                    (fact("Robot", &html! { (self.robot) }))
-                    (fact("Serial number", &text(&self.serial)))
-                    (fact("Laboratory", &text(&self.laboratory)))
-                    (fact("Place", &text(&self.place)))
-                    (fact("Operator", &text(&self.operator)))
-                    (fact("Measured (UTC)", &text(&self.measured)))
-                    (fact("Temperature", &stated(celsius.as_deref())))
-                    (fact("Recordings", &html! { (self.recordings) }))
-                    (fact("Plate", &text(&self.plate)))
-                    (fact("Its certificate", &text(&self.plate_certificate)))
-                    (fact("Instrument", &text(&self.instrument)))
-                    (fact("Its certificate", &text(&self.instrument_certificate)))
-                    (fact("Method", &html! { (self.method) }))
-                    (fact("Estimator", &html! { (self.estimator) }))
-                    (fact("Program", &program))
-                }
-                dl.facts2.hashes {
-                    (fact("Configuration SHA-256", &text(&self.configuration_sha256)))
-                    (fact("Recordings SHA-256", &stated(Some(&self.recordings_sha256))))
-                }
-                (self.results())
-                (self.terms())
-                (self.verdict())
-            }
+    /// What a certificate must state (ISO/IEC 17025, 7.8.2 and 7.8.4) and this one does not, by the names of the block
+    /// `[certificate]`.
+    pub fn missing(&self) -> Vec<&'static str> {
+        let empty = |value: &Option<String>| value.as_deref().is_none_or(|v| v.trim().is_empty());
+        let names = [
+            ("number", &self.number),
+            ("customer", &self.customer),
+            ("customer_address", &self.customer_address),
+            ("laboratory", &self.laboratory),
+            ("laboratory_address", &self.laboratory_address),
+            ("place", &self.place),
+            ("operator", &self.operator),
+            ("authorised_by", &self.authorised_by),
+            ("serial", &self.serial),
+            ("measured_on", &self.measured),
+        ];
+        // The scale of all lengths, to which the results are traceable.
+        let source = if self.contacts {
+            [("plate", &self.plate), ("plate_certificate", &self.plate_certificate)]
+        } else {
+            [
+                ("instrument", &self.instrument),
+                ("instrument_certificate", &self.instrument_certificate),
+            ]
+        };
+        let mut missing: Vec<&'static str> = names
+            .into_iter()
+            .chain(source)
+            .filter(|(_, value)| empty(value))
+            .map(|(name, _)| name)
+            .collect();
+        if self.temperature_c.is_none() {
+            missing.push("temperature_c");
         }
-    }
-
-    fn results(&self) -> Markup {
-        html! {
-            table.results {
-                thead { tr { th { "Position of the TCP" } th { "mm" } th.words { "" } } }
-                tbody {
-                    (expected("Expected error, full model", self.expected_error_mm.as_ref()))
-                    @match &self.uncertainty {
-                        Some(u) => (row(
-                            &format!("Uncertainty U (k = {})", u.k),
-                            &millimetres(u.expanded_mm),
-                            &format!("{} u, with u = {}: root mean square error over the work region", u.k, millimetres(u.standard_mm)),
-                        )),
-                        None => (row("Uncertainty U (k = 2)", "not stated", "the data do not tell it")),
-                    }
-                    (expected("Expected error, geometry alone", self.geometry_alone_mm.as_ref()))
-                    (expected("Expected error, nominal robot", self.nominal_error_mm.as_ref()))
-                    @for e in &self.position_errors {
-                        (row(
-                            "Measured accuracy",
-                            &millimetres(e.mean_mm),
-                            &format!(
-                                "mean of {} poses, largest {}, nominally {}; {}",
-                                e.n, millimetres(e.max_mm), millimetres(e.nominal_mean_mm), e.by
-                            ),
-                        ))
-                    }
-                    @if self.position_errors.is_empty() {
-                        (row("Measured accuracy", "not stated", "nothing measured the calibrated robot at poses outside of the fit"))
-                    }
-                    @match &self.repeatability {
-                        Some(r) => (row(
-                            "Repeatability of coupling",
-                            &r.iso_formula_mm.map_or_else(|| "not stated".to_owned(), millimetres),
-                            &format!(
-                                "mean distance + 3 sigma of {} couplings on {} {} (standard deviation {})",
-                                r.couplings,
-                                r.spheres,
-                                if r.spheres == 1 { "sphere" } else { "spheres" },
-                                millimetres(r.sigma_mm)
-                            ),
-                        )),
-                        None => (row("Repeatability of coupling", "not stated", "no sphere was coupled twice")),
-                    }
-                }
-            }
-            p.small {
-                "Accuracy and repeatability follow ISO 9283 in their formulas only: each pose was measured once, and it is the \
-                 coupling of a sphere that was repeated, from different poses, not one pose thirty times."
-            }
-        }
-    }
-
-    fn terms(&self) -> Markup {
-        html! {
-            table.results {
-                thead { tr { th { "Budget of u" } th { "mm" } th.words { "" } } }
-                tbody {
-                    @for line in &self.budget {
-                        (row(&line.name, &line.rms_mm.map_or_else(|| "not stated".to_owned(), millimetres), &line.remark))
-                    }
-                    @if let Some(u) = &self.uncertainty {
-                        tr.total { td { "Together: u" } td { (millimetres(u.standard_mm)) } td.words { "root of the sum of the squares" } }
-                    }
-                }
-            }
-            p.small {
-                "The base is aligned: where the robot stands is not in these figures, nor are temperatures and loads other \
-                 than those of the measurement."
-                @match &self.uncertainty {
-                    Some(u) if u.noise_by_data => " Seating (or instrument) and encoder noise are told apart by the data: \
-                        that of the encoders turns with the posture.",
-                    Some(_) => " Seating (or instrument) and encoder noise are those of the options.",
-                    None => "",
-                }
-            }
-        }
-    }
-
-    fn verdict(&self) -> Markup {
-        let more = self.reasons.len().saturating_sub(REASONS);
-        html! {
-            div class=(if self.may_be_used { "verdict" } else { "verdict no" }) {
-                p.mark { (if self.may_be_used { "May be used" } else { "Not to be used" }) }
-                @if !self.reasons.is_empty() {
-                    ul { @for r in self.reasons.iter().take(REASONS) { li { (r) } } }
-                    @if more > 0 { p.small { "and " (more) " more in the report" } }
-                }
-            }
-            dl.facts2 {
-                (fact("Validity", &stated(self.validity_months.map(|m| format!("{m} months")).as_deref())))
-                (fact("Next calibration", &self.next()))
-                (fact("Date", &html! { span.line {} }))
-                (fact("Signature", &html! { span.line {} }))
-            }
-        }
-    }
-
-    fn next(&self) -> Markup {
-        if !self.may_be_used {
-            return html! { "none: the result may not be used" };
-        }
-        stated(self.next_calibration.as_deref())
+        missing
     }
 }

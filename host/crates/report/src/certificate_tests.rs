@@ -1,13 +1,12 @@
-//! Page one of the report: every figure, and what is not known.
+//! The certificate: every figure, and what is not known.
 
 use spherecal_identify::ExpectedError;
 use spherecal_identify::evaluate::Repeatability;
 
-use super::tests::full;
 use super::*;
 
 /// A certificate with every field, and with hostile names.
-pub(crate) fn certified(evil: &str) -> Certificate {
+fn certified(evil: &str) -> Certificate {
     let evil = || Some(evil.to_owned());
     let error = |mean: f64| {
         Some(ExpectedError {
@@ -18,14 +17,20 @@ pub(crate) fn certified(evil: &str) -> Certificate {
     };
     Certificate {
         simulated: true,
+        contacts: true,
         number: evil(),
+        customer: evil(),
+        customer_address: evil(),
         laboratory: evil(),
+        laboratory_address: evil(),
         place: evil(),
         operator: evil(),
+        authorised_by: evil(),
         robot: "iiwa7".to_owned(),
         serial: evil(),
         measured: Some("2026-11-23T10:00:00Z".to_owned()),
         temperature_c: Some(21.5),
+        conditions: evil(),
         instrument: evil(),
         instrument_certificate: evil(),
         plate: evil(),
@@ -72,19 +77,17 @@ pub(crate) fn certified(evil: &str) -> Certificate {
             sigma_mm: 0.0321,
             iso_formula_mm: Some(0.0654),
         }),
+        conformity: Some(Conformity {
+            asked_mm: 0.4321,
+            rule: "The rule.".to_owned(),
+            conforms: true,
+            words: "it is below".to_owned(),
+        }),
         may_be_used: true,
         reasons: (0..5).map(|k| format!("reason {k}")).collect(),
         validity_months: Some(12),
         next_calibration: Some("2027-11-23".to_owned()),
     }
-}
-
-/// The certificate of a report.
-fn certificate_of(page: &str) -> &str {
-    let start = page
-        .find("<section class=\"certificate\" id=\"certificate\"")
-        .expect("a certificate");
-    &page[start..start + page[start..].find("</section>").expect("its end")]
 }
 
 /// Every number of a document, with the path to it.
@@ -100,21 +103,15 @@ fn numbers(path: &str, value: &serde_json::Value, out: &mut Vec<(String, f64)>) 
     }
 }
 
-// Fails if a figure for programs is missing on the certificate, if it is not the last page of the
-// report, or if a simulated run is not marked.
+// Fails if a figure or a name for programs is missing on the certificate, if markup gets through, if a simulated arm or a
+// draft is not marked, or if a page lacks its number.
 #[test]
 fn it_has_every_figure_that_programs_get() {
-    let mut input = full();
-    let certificate = certified("A. Miller");
-    input.certificate = Some(certificate.clone());
-    let page = render(&input).unwrap();
-    // The answer comes first, the certificate is the last page.
-    assert!(page.find("<header>") < page.find("<section id="));
-    assert!(page.rfind("<section id=") < page.find("<section class=\"certificate\""));
-    let page = certificate_of(&page);
+    let certificate = certified("A. <Miller>");
+    let page = certificate.document("2026-11-28", false);
     let mut found = Vec::new();
     numbers("certificate", &serde_json::to_value(&certificate).unwrap(), &mut found);
-    assert!(found.len() > 25, "{}", found.len());
+    assert!(found.len() > 26, "{}", found.len());
     for (path, value) in found {
         let shown = if value.fract() == 0.0 || path.ends_with("temperature_c") {
             format!("{value}")
@@ -128,29 +125,57 @@ fn it_has_every_figure_that_programs_get() {
         "certifies no robot",
         "2027-11-23",
         "2026-11-23T10:00:00Z",
-        "and 3 more in the report",
+        "2026-11-28",
+        "And 1 more.",
+        "The robot conforms.",
+        "@bottom-left{content:\"No\\00002e  A\\00002e  \\00003c Miller",
+        "counter(page) \" of \" counter(pages)",
     ] {
-        assert!(page.contains(words), "{words}");
+        assert!(page.contains(words), "{words} in {page}");
     }
-    assert_eq!(page.matches("A. Miller").count(), 9);
+    // Fourteen names, and the number in the title.
+    assert_eq!(page.matches("A. &lt;Miller&gt;").count(), 15);
+    assert!(!page.contains("DRAFT") && !page.contains("<Miller"));
+    assert!(
+        certificate
+            .document("2026-11-28", true)
+            .contains("This page is no certificate.")
+    );
+    // What a program reads is what was written.
+    let read: Certificate = serde_json::from_str(&serde_json::to_string(&certificate).unwrap()).unwrap();
+    assert_eq!(read, certificate);
 }
 
-// Fails if the certificate invents what nobody stated, or gives a date for the next calibration of a
-// result that may not be used.
+// Fails if the certificate invents what nobody stated, or if a name that ISO/IEC 17025 asks for is not asked for: of the
+// plate, where contacts carry the metre, else of the instrument.
 #[test]
 fn what_is_not_known_is_not_stated() {
-    let mut input = full();
-    input.certificate = Some(Certificate {
+    let bare = Certificate {
         robot: "ur5e".to_owned(),
         operator: Some("  ".to_owned()),
-        validity_months: Some(12),
         ..Certificate::default()
-    });
-    let page = render(&input).unwrap();
-    let page = certificate_of(&page);
-    // Ten names and numbers, date, temperature, commit, both hashes.
-    assert!(page.matches(">not stated<").count() >= 18, "{page}");
-    assert!(!page.contains("SIMULATED"));
-    assert!(page.contains("none: the result may not be used") && page.contains("Not to be used"));
-    assert!(!render(&ReportInput::default()).unwrap().contains("id=\"certificate\""));
+    };
+    let page = bare.document("2026-11-28", true);
+    // Number, nine facts, temperature, instrument and its certificate, signature, hashes; and the figures.
+    assert!(page.matches(">not stated<").count() >= 16, "{page}");
+    assert!(!page.contains("SIMULATED") && !page.contains("Next calibration") && !page.contains("Conformity"));
+    let names = [
+        "number",
+        "customer",
+        "customer_address",
+        "laboratory",
+        "laboratory_address",
+        "place",
+        "operator",
+        "authorised_by",
+        "serial",
+        "measured_on",
+        "instrument",
+        "instrument_certificate",
+        "temperature_c",
+    ];
+    assert_eq!(bare.missing(), names);
+    let contacts = Certificate { contacts: true, ..bare };
+    assert!(contacts.missing().contains(&"plate_certificate") && !contacts.missing().contains(&"instrument"));
+    assert_eq!(certified("A. Miller").missing(), [""; 0]);
 }

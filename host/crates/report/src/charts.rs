@@ -1,7 +1,6 @@
 //! Draws figures as SVG, by `plotters`, in the colours of the page's theme.
 //!
-//! `plotters` writes fixed colours. Each colour used here is a placeholder (see [`PALETTE`]) that
-//! [`themed`] replaces by a CSS variable of the page.
+//! `plotters` writes fixed colours. Each is a placeholder (see [`PALETTE`]): [`themed`] makes it a variable of the page.
 
 use std::fmt::Write as _;
 
@@ -262,14 +261,18 @@ pub(super) fn crossing(trace: &ContactTrace, threshold_n: f64) -> Option<f64> {
     })
 }
 
-/// The force of one contact, its trigger and the force that declares contact, in
-/// N (Figure 5).
-pub(super) fn force(trace: &ContactTrace, threshold_n: f64) -> Result<String, ChartError> {
-    draw((760, 270), &format!("Force trace, sphere {}", trace.sphere), |area| {
-        let (mut t0, mut t1, mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY, 0.0f64, threshold_n);
+/// The force of one contact, its trigger and the force that declares contact (Figure 5); the axis reaches `peak_n` (N).
+pub(super) fn force(
+    trace: &ContactTrace,
+    threshold_n: f64,
+    peak_n: f64,
+    size: (u32, u32),
+) -> Result<String, ChartError> {
+    draw(size, &format!("Force trace, sphere {}", trace.sphere), |area| {
+        let (mut t0, mut t1, mut low, high) = (f64::INFINITY, f64::NEG_INFINITY, 0.0f64, peak_n.max(threshold_n));
         for &(t, f) in &trace.samples {
             (t0, t1) = (t0.min(t), t1.max(t));
-            (low, high) = (low.min(f), high.max(f));
+            low = low.min(f);
         }
         if !(t1 > t0) {
             (t0, t1) = (0.0, 1.0);
@@ -280,8 +283,8 @@ pub(super) fn force(trace: &ContactTrace, threshold_n: f64) -> Result<String, Ch
             area,
             (t0 - zero)..(t1 - zero),
             (low - pad)..(high + pad),
-            "time from the trigger (s)",
-            "force (N)"
+            if size.0 > 500 { "time from the trigger (s)" } else { "s" },
+            if size.0 > 500 { "force (N)" } else { "N" }
         );
         chart.draw_series(DashedLineSeries::new(
             [(t0 - zero, threshold_n), (t1 - zero, threshold_n)],

@@ -3,49 +3,18 @@
 use std::collections::HashSet;
 
 use super::calibration::{correlation, group_table, identifiability_words, parameter_rows};
-use super::certificate::Certificate;
-use super::headline::{Error, compared, error_figures, expected_figures};
-use super::input::{
-    ErrorSeries, ErrorTable, Headline, ModelRow, PredictedAccuracy, ReportInput, ResidualPoint, SimpleTable,
-    WorkspacePoint,
-};
-use spherecal_identify::evaluate::{Errors, Judge, Judged, JudgedModel, millimetres};
+use super::headline::{Error, compared, files};
+use super::input::{Headline, ReportInput, ResidualPoint, SimpleTable};
+use super::judged::{self, DRAWN, thinned};
+use spherecal_identify::evaluate::{Errors, JudgedModel, millimetres};
 use spherecal_identify::study::Study;
 use spherecal_identify::{Calibration, Target};
 
-fn rows(judged: &Judged) -> Vec<ModelRow> {
-    judged
-        .models
-        .iter()
-        .map(|m| {
-            let e = m.errors();
-            ModelRow {
-                name: m.name.clone(),
-                mean_mm: e.mean_mm,
-                std_mm: e.std_mm,
-                min_mm: e.min_mm,
-                max_mm: e.max_mm,
-            }
-        })
-        .collect()
-}
-
-/// Most points in a figure: more would not be visible, and would make the page large.
-const DRAWN: usize = 5000;
 /// Most outliers of a kind in the table.
 const LISTED: usize = 200;
 
-/// At most [`DRAWN`] items, evenly spread.
-fn thinned<T>(items: &[T]) -> Vec<&T> {
-    items.iter().step_by(items.len().div_ceil(DRAWN).max(1)).collect()
-}
-
-fn distances(m: &JudgedModel) -> Vec<f64> {
-    m.samples.iter().map(|s| s.distance_mm).collect()
-}
-
-/// The report of a study with its certificate; `created` is its date, in words.
-pub fn study_report(study: &Study, created: &str, certificate: &Certificate) -> ReportInput {
+/// The report of a study; `created` is its date, in words.
+pub fn study_report(study: &Study, created: &str) -> ReportInput {
     let evaluation = &study.evaluation;
     let calibration = &evaluation.calibration;
     let recordings = &study.recordings;
@@ -58,86 +27,19 @@ pub fn study_report(study: &Study, created: &str, certificate: &Certificate) -> 
             max_mm: errors.max_mm,
         }
     };
-    let (nominal, calibrated) = (errors("nominal"), errors("calibrated"));
     let v = &evaluation.verdict;
     let name = study.model.robot.name.as_str();
-    let expected = v
-        .expected_error_mm
-        .filter(|_| evaluation.cross_validated || judged.is_none());
-    let detail = if let (Some(e), Some(before)) = (expected, v.nominal_error_mm) {
-        // A cross-validation knows no more than where the data are.
-        format!(
-            "The expected error of the calibrated {name} over the work region is {:.3} mm in the mean (95 % interval {:.3} \
-             to {:.3} mm), that of the nominal one {:.3} mm.",
-            e.mean, e.interval[0], e.interval[1], before.mean
-        )
-    } else if judged.is_none() {
-        format!("The {name} was calibrated, but nothing judged the result.")
-    } else {
-        compared(&format!("The calibrated {name}"), name, nominal, calibrated)
-    };
-    let identified = calibration.parameters.iter().filter(|p| p.identified).count();
-    let by = if evaluation.cross_validated {
-        " (cross-validation)"
-    } else {
-        ""
-    };
-    let mut figures = Vec::new();
-    figures.extend(expected_figures(evaluation));
-    figures.extend(error_figures(by, nominal, calibrated));
-    figures.extend([
-        (
-            "Recordings".to_owned(),
-            evaluation.used.len().to_string(),
-            format!(
-                "{} left out, {} outliers",
-                evaluation.rejected.len(),
-                calibration.residual.outliers.len()
-            ),
+    let comparison = match judged {
+        None => format!("The {name} was calibrated, but nothing judged the result."),
+        // A cross-validation knows no more than where the data are: the expected errors of the files say more.
+        Some(_) if evaluation.cross_validated => String::new(),
+        Some(_) => compared(
+            &format!("The calibrated {name}"),
+            name,
+            errors("nominal"),
+            errors("calibrated"),
         ),
-        (
-            "Parameters".to_owned(),
-            identified.to_string(),
-            "determined by the data".to_owned(),
-        ),
-    ]);
-    let mut error_tables = Vec::new();
-    if let Some(judged) = judged {
-        error_tables.push(ErrorTable {
-            title: format!(
-                "Position errors on {} samples",
-                judged.model("calibrated").map_or(0, |m| m.errors().n)
-            ),
-            caption: format!(
-                "Judged by {}. \"URDF only\" is what a URDF can hold: links without compliance and encoder errors.",
-                judged.by
-            ),
-            rows: rows(judged),
-        });
-    }
-    if let Some(holdout) = &evaluation.holdout {
-        error_tables.push(ErrorTable {
-            title: format!("Held out by {}", holdout.column),
-            caption: holdout.pooled.by.clone(),
-            rows: rows(&holdout.pooled),
-        });
-        for fold in &holdout.folds {
-            error_tables.push(ErrorTable {
-                title: format!("{} {}", holdout.column, fold.value),
-                caption: String::new(),
-                rows: rows(&fold.judged),
-            });
-        }
-    }
-    let errors = judged
-        .iter()
-        .flat_map(|j| &j.models)
-        .filter(|m| m.name != "calibrated_table_only")
-        .map(|m| ErrorSeries {
-            name: m.name.clone(),
-            errors_mm: distances(m),
-        })
-        .collect();
+    };
     let place = |p: u32| recordings.places.name(p).to_owned();
     let named: HashSet<usize> = calibration.residual.outliers.iter().map(|o| o.index).collect();
     let rows_drawn = thinned(&calibration.residual.rows);
@@ -204,19 +106,19 @@ pub fn study_report(study: &Study, created: &str, certificate: &Certificate) -> 
             recordings.samples.len(),
             study.model.robot.dof()
         ),
-        certificate: Some(certificate.clone()),
         headline: Headline {
             trusted: v.may_be_used,
             sentence: v.headline.clone(),
-            detail,
             reasons: v.reasons.clone(),
             next: v.next.clone(),
-            figures,
+            files: files(evaluation),
+            figures: Vec::new(),
         },
-        error_tables,
-        errors,
+        comparison,
+        error_tables: judged::tables(evaluation),
+        errors: judged.map(judged::series).unwrap_or_default(),
         errors_axis: String::new(),
-        workspace: judged.map(workspace).unwrap_or_default(),
+        workspace: judged.map(judged::workspace).unwrap_or_default(),
         contacts: Vec::new(),
         contact_threshold_n: 0.0,
         triggers: Vec::new(),
@@ -227,7 +129,7 @@ pub fn study_report(study: &Study, created: &str, certificate: &Certificate) -> 
         residuals,
         outliers,
         correlation: correlation(calibration),
-        prediction: judged.map(|j| prediction(study, j)),
+        prediction: judged::prediction(evaluation, recordings),
         fit_tables: [group_table(&calibration.groups, place)]
             .into_iter()
             .chain(targets_table(study))
@@ -288,46 +190,6 @@ fn targets_table(study: &Study) -> Option<SimpleTable> {
         .to_vec(),
         rows,
     })
-}
-
-/// Errors of both models where the robot stood.
-fn workspace(judged: &Judged) -> Vec<WorkspacePoint> {
-    let (Some(nominal), Some(calibrated)) = (judged.model("nominal"), judged.model("calibrated")) else {
-        return Vec::new();
-    };
-    let pairs: Vec<_> = nominal.samples.iter().zip(&calibrated.samples).collect();
-    thinned(&pairs)
-        .into_iter()
-        .map(|&(n, c)| WorkspacePoint {
-            at_m: c.at_m,
-            nominal_mm: n.distance_mm,
-            calibrated_mm: c.distance_mm,
-        })
-        .collect()
-}
-
-fn prediction(study: &Study, judged: &Judged) -> PredictedAccuracy {
-    let evaluation = &study.evaluation;
-    let found = judged
-        .model("calibrated")
-        .map(|m| m.samples.as_slice())
-        .unwrap_or_default();
-    let judges: Vec<Judge<'_>> = study.recordings.judges(evaluation.cross_validated).collect();
-    let pairs_mm = thinned(found)
-        .iter()
-        .filter_map(|s| {
-            let q = &judges.get(s.index)?.observation.q;
-            let sigma = evaluation.predicted_sigma_mm(q);
-            sigma.is_finite().then_some((sigma, s.distance_mm))
-        })
-        .collect();
-    PredictedAccuracy {
-        mean_mm: evaluation.predicted_mm.0,
-        max_mm: evaluation.predicted_mm.1,
-        pairs_mm,
-        frame: format!("The actual errors are those of {}.", judged.by),
-        axis: String::new(),
-    }
 }
 
 fn provenance(study: &Study, created: &str) -> Vec<(String, String)> {

@@ -1,10 +1,8 @@
-//! Words and figures of a report's headline, the same for a run and for a study.
+//! Words of a report's headline, the same for a run and for a study.
 
-use spherecal_identify::ExpectedError;
 use spherecal_identify::evaluate::Evaluation;
 
-/// A figure of a headline: name, value, and what it is.
-pub type HeadlineFigure = (String, String, String);
+use super::input::FileError;
 
 /// Mean and largest error of a model, in mm.
 #[derive(Clone, Copy, Debug)]
@@ -37,35 +35,61 @@ pub fn compared(subject: &str, robot: &str, nominal: Error, calibrated: Error) -
     )
 }
 
-/// Mean and largest error as figures. `by` follows their names: how they were found, or nothing.
-pub fn error_figures(by: &str, nominal: Error, calibrated: Error) -> [HeadlineFigure; 2] {
-    [
-        ("Mean error", nominal.mean_mm, calibrated.mean_mm),
-        ("Largest error", nominal.max_mm, calibrated.max_mm),
-    ]
-    .map(|(name, before, now)| {
-        (
-            format!("{name}{by}"),
-            format!("{now:.3} mm"),
-            format!("nominally {before:.3} mm"),
-        )
-    })
+/// Characters of a remark after which its first clause may end: a clause before is a mere heading, such as `SIMULATED:`.
+const HEADING: usize = 24;
+
+/// The first clause of a remark, for a list that is read at a glance; the whole remark stands in the report.
+pub fn brief(remark: &str) -> String {
+    let ends = [". ", "; ", " (", ", (", ": "];
+    let end = ends
+        .iter()
+        .flat_map(|end| remark.match_indices(end))
+        .map(|(at, _)| at)
+        .filter(|at| *at >= HEADING)
+        .min();
+    let clause = &remark[..end.unwrap_or(remark.len())];
+    first_upper(clause)
 }
 
-/// The expected error over the work region as figures: that of the full model, which a compensator
-/// carries out, and that of the geometry alone, which the files hold.
-pub fn expected_figures(evaluation: &Evaluation) -> Vec<HeadlineFigure> {
-    let Some(full) = &evaluation.verdict.expected_error_mm else {
+/// Words as the beginning of a sentence.
+pub(super) fn first_upper(words: &str) -> String {
+    let mut letters = words.chars();
+    letters
+        .next()
+        .into_iter()
+        .flat_map(char::to_uppercase)
+        .chain(letters)
+        .collect()
+}
+
+/// The files of a result with the error that each has over the work region, and the robot as it was. Empty where no error
+/// is expected of them.
+pub fn files(evaluation: &Evaluation) -> Vec<FileError> {
+    let verdict = &evaluation.verdict;
+    let (Some(full), Some(nominal), Some(alone)) = (
+        verdict.expected_error_mm,
+        verdict.nominal_error_mm,
+        verdict.file_error_mm,
+    ) else {
         return Vec::new();
     };
-    let figure = |name: &str, of: &str, error: &ExpectedError| {
-        let [low, high] = error.interval;
-        let what = format!("{of}; mean over the work region, 95 % interval {low:.3} to {high:.3} mm");
-        (name.to_owned(), format!("{:.3} mm", error.mean), what)
+    let row = |name: &str, holds: &str, error| FileError {
+        name: name.to_owned(),
+        holds: holds.to_owned(),
+        expected_mm: error,
     };
-    let mut figures = vec![figure("Expected error", "full model, by the compensator", full)];
-    if let Some(alone) = evaluation.verdict.file_error_mm.filter(|_| evaluation.geometry.helps()) {
-        figures.push(figure("Geometry alone", "calibrated.urdf in a controller", &alone));
-    }
-    figures
+    let urdf = if evaluation.geometry.helps() {
+        row(
+            "calibrated.urdf",
+            "geometry alone, for a controller or a simulator",
+            Some(alone.work),
+        )
+    } else {
+        row("no calibrated.urdf", "it would be worse than the robot as it was", None)
+    };
+    vec![
+        row("as it was", "the nominal robot", Some(nominal.work)),
+        row("calibrated.toml", "the full model, for a compensator", Some(full.work)),
+        urdf,
+    ]
 }

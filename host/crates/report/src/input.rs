@@ -1,8 +1,18 @@
 //! The input of a report: plain data, with every section optional.
 
 use spherecal_campaign::telemetry::ContactTrace;
+use spherecal_identify::ExpectedError;
 
-use super::certificate::Certificate;
+/// A file of the result with the error that it has.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FileError {
+    /// Its name.
+    pub name: String,
+    /// What it holds, and for whom.
+    pub holds: String,
+    /// Expected error over the work region; none where there is no such file.
+    pub expected_mm: Option<ExpectedError>,
+}
 
 /// The verdict in words.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -11,13 +21,13 @@ pub struct Headline {
     pub trusted: bool,
     /// One sentence: before, after, with which file, may it be used.
     pub sentence: String,
-    /// What was compared with what, in sentences; may be empty.
-    pub detail: String,
     /// Why not, or what to keep in mind.
     pub reasons: Vec<String>,
     /// What to do next.
     pub next: String,
-    /// Key figures: label, value with unit, remark.
+    /// Files with their errors.
+    pub files: Vec<FileError>,
+    /// Key figures of a result without files: label, value with unit, remark.
     pub figures: Vec<(String, String, String)>,
 }
 
@@ -172,10 +182,10 @@ pub struct ReportInput {
     pub title: String,
     /// One line under it.
     pub subtitle: String,
-    /// Page one; none where nothing is certified.
-    pub certificate: Option<Certificate>,
     /// The verdict.
     pub headline: Headline,
+    /// What was compared with what, in sentences; may be empty.
+    pub comparison: String,
     /// Tables of errors; the first is the main one.
     pub error_tables: Vec<ErrorTable>,
     /// Errors by model, for the histograms; `nominal` is compared with the others.

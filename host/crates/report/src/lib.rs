@@ -16,21 +16,24 @@ pub mod export;
 mod from_study;
 pub mod headline;
 mod input;
+pub mod judged;
 mod page;
 mod parts;
 mod space;
 mod time_charts;
 
-pub use certificate::{BudgetLine, COVERAGE, Certificate, PositionError, Uncertainty, millimetres};
+pub use certificate::{BudgetLine, COVERAGE, Certificate, Conformity, PositionError, Uncertainty, millimetres};
 pub use charts::ChartError;
 pub use from_study::study_report;
 pub use input::{
-    Correlation, Curves, ErrorSeries, ErrorTable, Headline, HistogramChart, ModelRow, ParameterRow, PredictedAccuracy,
-    ReportInput, ResidualPoint, SimpleTable, WorkspacePoint,
+    Correlation, Curves, ErrorSeries, ErrorTable, FileError, Headline, HistogramChart, ModelRow, ParameterRow,
+    PredictedAccuracy, ReportInput, ResidualPoint, SimpleTable, WorkspacePoint,
 };
 pub use page::render;
 
 #[cfg(test)]
 mod certificate_tests;
+#[cfg(test)]
+mod figures_tests;
 #[cfg(test)]
 mod tests;

@@ -2,18 +2,20 @@
 //! from the user.
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+use spherecal_campaign::telemetry::ContactTrace;
 
 use super::charts::{self, ChartError};
 use super::correlation_map;
+use super::headline::brief;
 use super::input::{ErrorSeries, ParameterRow, ReportInput};
-use super::parts::{Folds, error_table, outlier_table, provenance, simple_table, tables};
+use super::parts::{Folds, error_table, file_table, margin_text, outlier_table, provenance, simple_table, tables};
 use super::space;
 use super::time_charts;
 
-/// Parameters shown before the rest is folded away.
-const SHOWN_PARAMETERS: usize = 48;
+/// Remarks beside the answer, each by its first clause.
+const SHOWN_REMARKS: usize = 3;
 /// Outliers shown before the rest is folded away.
-const SHOWN_OUTLIERS: usize = 20;
+const SHOWN_OUTLIERS: usize = 5;
 
 /// Renders the page.
 ///
@@ -28,12 +30,17 @@ pub fn render(input: &ReportInput) -> Result<String, ChartError> {
     };
     let mut figures = Figures(0);
     let mut folds = Folds::default();
+    let answer = answer(input, &mut figures)?;
+    add("remarks", "Remarks", remarks(input));
     add("stillness", "How still it holds", stillness(input, &mut figures)?);
-    add("accuracy", "Accuracy", accuracy(input, &mut figures)?);
-    add("workspace", "Over the workspace", workspace(input, &mut figures)?);
+    add("accuracy", "Accuracy", accuracy(input, &mut figures, &mut folds)?);
     add("predicted", "Predicted accuracy", predicted(input, &mut figures)?);
     add("parameters", "Parameters", parameters(input, &mut folds));
-    add("correlation", "Correlations", correlation(input, &mut figures)?);
+    add(
+        "correlation",
+        "Correlations",
+        correlation(input, &mut figures, &mut folds)?,
+    );
     add(
         "residuals",
         "Residuals and outliers",
@@ -41,7 +48,6 @@ pub fn render(input: &ReportInput) -> Result<String, ChartError> {
     );
     add("contacts", "Contacts", contacts(input, &mut figures)?);
     add("health", "Faults and link", tables(&input.health_tables));
-    add("notes", "Notes", notes(input));
     add(
         "provenance",
         "Provenance",
@@ -55,20 +61,16 @@ pub fn render(input: &ReportInput) -> Result<String, ChartError> {
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta name="generator" content=(concat!("spherecal ", env!("CARGO_PKG_VERSION")));
                 title { (input.title) " – calibration report" }
-                style { (PreEscaped(include_str!("style.css"))) }
+                style { (PreEscaped(include_str!("style.css"))) (PreEscaped(margin_text(&input.title))) }
             }
             body {
                 main {
                     header { h1 { (input.title) } p { (input.subtitle) } }
-                    (headline(input))
-                    nav {
-                        @for (id, title, _) in &sections { a href=(format!("#{id}")) { (title) } }
-                        @if input.certificate.is_some() { a href="#certificate" { "Certificate" } }
-                    }
+                    (answer)
+                    nav { @for (id, title, _) in &sections { a href=(format!("#{id}")) { (title) } } }
                     @for (id, title, body) in &sections {
                         section id=(id) { h2 { (title) } (body) }
                     }
-                    @if let Some(certificate) = &input.certificate { (certificate.page()) }
                     footer { "Written by spherecal " (env!("CARGO_PKG_VERSION")) ". This file is complete and makes no network request." }
                 }
             }
@@ -92,16 +94,25 @@ impl Figures {
     }
 }
 
-fn headline(input: &ReportInput) -> Markup {
+/// The answer: before, after, may it be used; the errors before and after as a picture; what to keep in mind; the files.
+fn answer(input: &ReportInput, figures: &mut Figures) -> Result<Markup, ChartError> {
     let h = &input.headline;
-    html! {
+    let picture = before_and_after(input, figures)?;
+    let more = h.reasons.len().saturating_sub(SHOWN_REMARKS);
+    Ok(html! {
         div class=(if h.trusted { "verdict" } else { "verdict no" }) {
             p.mark { (if h.trusted { "May be used" } else { "Not to be used" }) }
             p.say { (h.sentence) }
-            @if !h.detail.is_empty() { p { (h.detail) } }
-            @if !h.reasons.is_empty() { ul { @for r in &h.reasons { li { (r) } } } }
             @if !h.next.is_empty() { p.next { b { "Next: " } (h.next) } }
         }
+        @if let Some(p) = picture { (p) }
+        @if !h.reasons.is_empty() {
+            ul.remarks {
+                @for r in h.reasons.iter().take(SHOWN_REMARKS) { li { (brief(r)) } }
+                @if more > 0 { li { a href="#remarks" { (more) " more" } } }
+            }
+        }
+        (file_table(&h.files))
         @if !h.figures.is_empty() {
             dl.tiles {
                 @for (label, value, remark) in &h.figures {
@@ -109,59 +120,57 @@ fn headline(input: &ReportInput) -> Markup {
                 }
             }
         }
+    })
+}
+
+/// The errors of the nominal and of the calibrated robot where they were measured, side by side, to one scale.
+fn before_and_after(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, ChartError> {
+    if input.workspace.len() < 2 {
+        return Ok(None);
     }
+    let [before, after] = space::panels(&input.workspace)?;
+    let words = html! {
+        "Position error at " (input.workspace.len()) " poses outside of the fit, each at its place, seen from the front right \
+         and above. The radius of a dot is the error; both sides have one scale. " (frame_of_errors(input))
+    };
+    let pair = format!("<div class=\"pair\">{before}{after}</div>");
+    Ok(Some(figures.figure(&pair, &words)))
 }
 
-/// In which frame the errors of the figures are: that of the first table.
+/// In which frame the errors of the figures are: the first sentence of the first table's caption.
 fn frame_of_errors(input: &ReportInput) -> &str {
-    input.error_tables.first().map_or("", |t| t.caption.as_str())
+    let caption = input.error_tables.first().map_or("", |t| t.caption.as_str());
+    caption.find(". ").map_or(caption, |end| &caption[..=end])
 }
 
-fn accuracy(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, ChartError> {
+fn accuracy(input: &ReportInput, figures: &mut Figures, folds: &mut Folds) -> Result<Option<Markup>, ChartError> {
     if input.error_tables.is_empty() && input.errors.is_empty() {
         return Ok(None);
     }
-    let all: Vec<&ErrorSeries> = input.errors.iter().filter(|s| !s.errors_mm.is_empty()).collect();
-    let calibrated: Vec<&ErrorSeries> = all.iter().copied().filter(|s| s.name != "nominal").collect();
-    let frame = frame_of_errors(input);
-    let mut drawn = Vec::new();
-    if !all.is_empty() {
-        let svg = charts::histogram(
-            &all,
-            "Histogram of position errors, nominal and calibrated",
-            &input.errors_axis,
-        )?;
-        let words = html! { "Position errors of all models: the distance between the histograms is the gain of the calibration. " (frame) };
-        drawn.push(figures.figure(&svg, &words));
-    }
-    if calibrated.len() > 1 {
+    // The picture beside the answer compares with the nominal robot; its errors would hide what the others differ in.
+    let calibrated: Vec<&ErrorSeries> = input
+        .errors
+        .iter()
+        .filter(|s| !s.errors_mm.is_empty() && s.name != "nominal")
+        .collect();
+    let mut drawn = None;
+    if !calibrated.is_empty() {
         let svg = charts::histogram(
             &calibrated,
             "Histogram of position errors of the calibrated models",
             &input.errors_axis,
         )?;
-        let words = html! { "The calibrated models only, on a finer scale. " (frame) };
-        drawn.push(figures.figure(&svg, &words));
+        let words = html! { "Position errors of the calibrated models. " (frame_of_errors(input)) };
+        drawn = Some(figures.figure(&svg, &words));
     }
     let (first, rest) = input.error_tables.split_at(input.error_tables.len().min(1));
+    let tables = html! { div.two { @for t in rest { div { (error_table(t)) } } } };
     Ok(Some(html! {
+        @if !input.comparison.is_empty() { p.lead { (input.comparison) } }
         @for t in first { (error_table(t)) }
-        @for f in &drawn { (f) }
-        div.two { @for t in rest { div { (error_table(t)) } } }
+        @if let Some(f) = drawn { (f) }
+        @if !rest.is_empty() { (folds.fold("The same in other frames, or by groups", &tables)) }
     }))
-}
-
-fn workspace(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, ChartError> {
-    if input.workspace.len() < 2 {
-        return Ok(None);
-    }
-    // The calibrated model has the name that the table gives it.
-    let named = |name: &&str| input.errors.iter().any(|s| s.name == *name);
-    let calibrated = ["sphere", "calibrated"].into_iter().find(named).unwrap_or("calibrated");
-    let svg = space::workspace(&input.workspace, calibrated)?;
-    let words = html! { "Every validation configuration at its position, seen from the front right and above; both panels have the same scale. " (frame_of_errors(input)) };
-    let figure = figures.figure(&svg, &words);
-    Ok(Some(html! { p.lead { "Position error over the workspace." } (figure) }))
 }
 
 fn predicted(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, ChartError> {
@@ -247,7 +256,7 @@ fn parameters(input: &ReportInput, folds: &mut Folds) -> Option<Markup> {
     };
     let main: Vec<&ParameterRow> = input.parameters.iter().filter(|p| !is_effect(p)).collect();
     let effects: Vec<&ParameterRow> = input.parameters.iter().filter(is_effect).collect();
-    let (shown, folded) = main.split_at(main.len().min(SHOWN_PARAMETERS));
+    let (shown, folded): (Vec<_>, Vec<_>) = main.into_iter().partition(|p| p.identified);
     let identified = input.parameters.iter().filter(|p| p.identified).count();
     let free = input.parameters.iter().filter(|p| p.free).count();
     Some(html! {
@@ -256,9 +265,9 @@ fn parameters(input: &ReportInput, folds: &mut Folds) -> Option<Markup> {
             "Rows follow the modified DH table; the bar shows the shift with its 95 % interval."
         }
         @if !input.identifiability.is_empty() { ul { @for words in &input.identifiability { li { (words) } } } }
-        (parameter_table(shown))
+        (parameter_table(&shown))
         @if !folded.is_empty() {
-            (folds.fold(&format!("The other {} parameters", folded.len()), &parameter_table(folded)))
+            (folds.fold(&format!("{} parameters that the data leave open", folded.len()), &parameter_table(&folded)))
         }
         @if !effects.is_empty() {
             (folds.fold(&format!("Random effects: {} harmonics and bendings", effects.len()), &parameter_table(&effects)))
@@ -266,7 +275,7 @@ fn parameters(input: &ReportInput, folds: &mut Folds) -> Option<Markup> {
     })
 }
 
-fn correlation(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, ChartError> {
+fn correlation(input: &ReportInput, figures: &mut Figures, folds: &mut Folds) -> Result<Option<Markup>, ChartError> {
     let Some(c) = input.correlation.as_ref().filter(|c| c.names.len() > 1) else {
         return Ok(None);
     };
@@ -295,7 +304,7 @@ fn correlation(input: &ReportInput, figures: &mut Figures) -> Result<Option<Mark
                 @if strongest.len() > 8 { ", and " (strongest.len() - 8) " more" } "."
             }
         }
-        (figure)
+        (folds.fold("The map of all correlations", &figure))
     }))
 }
 
@@ -318,7 +327,9 @@ fn residuals(input: &ReportInput, figures: &mut Figures, folds: &mut Folds) -> R
         } @else {
             p.lead { "No recording stands out." }
         }
-        @for t in &input.fit_tables { (simple_table(t)) }
+        @let (fit, single) = input.fit_tables.split_at(input.fit_tables.len().min(1));
+        @for t in fit { (simple_table(t)) }
+        @for t in single { (folds.fold(&t.title, &simple_table(t))) }
     }))
 }
 
@@ -334,17 +345,30 @@ fn contacts(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>
             None => figures.figure(&time_charts::histogram(histogram)?, &html! { (histogram.caption) }),
         });
     }
-    for trace in &input.contacts {
-        let threshold = format!("{:.1} N", input.contact_threshold_n);
+    // The hardest contact is enlarged; the others are beside one another, to its scale.
+    let peak = |trace: &ContactTrace| trace.samples.iter().map(|s| s.1).fold(0.0, f64::max);
+    let hardest =
+        (0..input.contacts.len()).max_by(|a, b| peak(&input.contacts[*a]).total_cmp(&peak(&input.contacts[*b])));
+    if let Some(trace) = hardest.and_then(|k| input.contacts.get(k)) {
+        let threshold = input.contact_threshold_n;
         let words = html! {
-            "Sphere " (trace.sphere) ": force against the approach. "
-            @if charts::crossing(trace, input.contact_threshold_n).is_some() {
-                "The dot is where it exceeds the threshold of " (threshold) " (dashed) for good; the line is the declaration of the contact."
+            "The hardest contact, on sphere " (trace.sphere) ": force against the approach, at most " (format!("{:.2} N", peak(trace))) " in this time. "
+            @if charts::crossing(trace, threshold).is_some() {
+                "The dot is where it exceeds the threshold of " (format!("{threshold:.1} N")) " (dashed) for good; the line is the declaration of the contact."
             } @else {
-                "The samples of the telemetry do not pass the threshold of " (threshold) " (dashed); the line is the declaration of the contact."
+                "The samples of the telemetry do not pass the threshold of " (format!("{threshold:.1} N")) " (dashed); the line is the declaration of the contact."
             }
         };
-        drawn.push(figures.figure(&charts::force(trace, input.contact_threshold_n)?, &words));
+        drawn.push(figures.figure(&charts::force(trace, threshold, peak(trace), (760, 270))?, &words));
+        let mut others = String::new();
+        for (k, other) in input.contacts.iter().enumerate().filter(|(k, _)| Some(*k) != hardest) {
+            let svg = charts::force(other, threshold, peak(trace), (300, 190))?;
+            others += &format!("<div><span>{}. sphere {}</span>{svg}</div>", k + 1, other.sphere);
+        }
+        if !others.is_empty() {
+            let words = html! { "The other contacts, in the order of the run, to the same scale of force." };
+            drawn.push(figures.figure(&format!("<div class=\"small-multiples\">{others}</div>"), &words));
+        }
     }
     Ok(Some(html! { @for f in &drawn { (f) } }))
 }
@@ -363,6 +387,13 @@ fn stillness(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup
     }))
 }
 
-fn notes(input: &ReportInput) -> Option<Markup> {
-    (!input.notes.is_empty()).then(|| html! { ul { @for n in &input.notes { li { (n) } } } })
+/// All remarks in full: what the verdict says, then what else the user should know.
+fn remarks(input: &ReportInput) -> Option<Markup> {
+    let mut all: Vec<&String> = Vec::new();
+    for words in input.headline.reasons.iter().chain(&input.notes) {
+        if !all.contains(&words) {
+            all.push(words);
+        }
+    }
+    (!all.is_empty()).then(|| html! { ul { @for words in all { li { (words) } } } })
 }

@@ -4,15 +4,15 @@ use maud::{Markup, html};
 use spherecal_identify::evaluate::model_title;
 
 use super::charts;
-use super::input::{ErrorTable, SimpleTable};
+use super::input::{ErrorTable, FileError, SimpleTable};
 
 /// Numbers the folded parts: each has a name of its own on the page.
 #[derive(Default)]
 pub(super) struct Folds(usize);
 
 impl Folds {
-    /// A part that the screen folds away and paper shows. It is no `details`: a browser prints
-    /// those as they are.
+    /// A part that is folded away until the reader opens it; paper has what is open on the screen. It is no `details`: the
+    /// page has no script, and its print style could not open one.
     pub(super) fn fold(&mut self, words: &str, body: &Markup) -> Markup {
         self.0 += 1;
         let id = format!("fold-{}", self.0);
@@ -51,6 +51,38 @@ pub(super) fn error_table(table: &ErrorTable) -> Markup {
     }
 }
 
+/// The files with the error that each has.
+pub(super) fn file_table(files: &[FileError]) -> Markup {
+    html! { @if !files.is_empty() {
+        div.scroll { table.files {
+            thead { tr { th { "file" } th.words { "what it holds" } th { "expected error, work region (mm)" } th { "95 % interval" } } }
+            tbody { @for f in files {
+                tr {
+                    td { (f.name) } td.words { (f.holds) }
+                    td { @match &f.expected_mm { Some(e) => b { (format!("{:.3}", e.mean)) }, None => "none" } }
+                    td { @if let Some(e) = &f.expected_mm { (format!("{:.3} to {:.3}", e.interval[0], e.interval[1])) } }
+                }
+            } }
+        } }
+    } }
+}
+
+/// The style of the margins of paper: `text` at the foot of each page, beside the page's number.
+pub(super) fn margin_text(text: &str) -> String {
+    let escaped: String = text
+        .chars()
+        .map(|c| {
+            // As a number, no character can end the string, the style or the page; the space ends the number.
+            if c.is_alphanumeric() || c == ' ' {
+                c.to_string()
+            } else {
+                format!("\\{:06x} ", u32::from(c))
+            }
+        })
+        .collect();
+    format!("@page{{@bottom-left{{content:\"{escaped}\"}}}}")
+}
+
 pub(super) fn simple_table(t: &SimpleTable) -> Markup {
     html! {
         h3 { (t.title) }
@@ -83,7 +115,6 @@ pub(super) fn provenance(facts: &[(String, String)], configuration: &[String], f
     let whole = html! { pre { @for line in configuration { (line) "\n" } } };
     Some(html! {
         dl.facts { @for (name, value) in facts { dt { (name) } dd { (value) } } }
-        // Paper has what differs from the defaults, and the hash of the whole.
-        @if !configuration.is_empty() { div.screen { (folds.fold("The whole configuration", &whole)) } }
+        @if !configuration.is_empty() { (folds.fold("The whole configuration", &whole)) }
     })
 }

@@ -1,6 +1,5 @@
 //! Tests that the page is complete, escapes what users write, and makes no network request.
 
-use super::certificate_tests::certified;
 use super::*;
 use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_identify::evaluate::model_title;
@@ -12,13 +11,16 @@ pub(crate) fn full() -> ReportInput {
     ReportInput {
         title: evil.to_owned(),
         subtitle: evil.to_owned(),
-        certificate: Some(certified(evil)),
         headline: Headline {
             trusted: true,
             sentence: "The robot is 78 % more accurate.".to_owned(),
-            detail: String::new(),
             reasons: vec![evil.to_owned()],
             next: "Load it.".to_owned(),
+            files: vec![FileError {
+                name: evil.to_owned(),
+                holds: evil.to_owned(),
+                expected_mm: None,
+            }],
             figures: vec![(
                 "Mean error".to_owned(),
                 "0.152 mm".to_owned(),
@@ -54,6 +56,7 @@ pub(crate) fn full() -> ReportInput {
             })
             .collect(),
         errors_axis: evil.to_owned(),
+        comparison: evil.to_owned(),
         contacts: vec![ContactTrace {
             sphere: 1,
             samples: (0..800)
@@ -142,8 +145,8 @@ fn everything_is_escaped_and_nothing_is_fetched() {
     }
     // Inline SVG and the page's own markup are well-formed, and every section is present.
     for id in [
+        "remarks",
         "accuracy",
-        "workspace",
         "predicted",
         "parameters",
         "correlation",
@@ -170,8 +173,8 @@ fn every_figure_of_errors_names_its_frame() {
         prediction.frame = "Base fitted.".to_owned();
     }
     let page = render(&input).unwrap();
-    // The table, two histograms and the workspace.
-    assert_eq!(page.matches("Frames by arcs.").count(), 4);
+    // The picture beside the answer, the table, and the histogram.
+    assert_eq!(page.matches("Frames by arcs.").count(), 3);
     assert_eq!(page.matches("Base fitted.").count(), 1);
 }
 
@@ -211,14 +214,15 @@ fn every_model_has_a_colour_of_its_own() {
         let same = names.iter().filter(|other| charts::colour(other) == own).count();
         assert_eq!(same, 1, "{name}");
         let index = charts::SERIES.iter().position(|s| *s == own).unwrap();
-        // Its dot in the table, and its curve.
+        // Its dot in the table, and its curve; the nominal robot has the first half of the picture beside the answer.
         assert!(
             page.contains(&format!(
                 "<span class=\"dot\" style=\"background:var(--series-{index})\">"
             )),
             "{number}"
         );
-        assert!(page.contains(&format!("stroke:var(--series-{index})")), "{name}");
+        let drawn = if *name == "nominal" { "fill" } else { "stroke" };
+        assert!(page.contains(&format!("{drawn}:var(--series-{index})")), "{name}");
         // One name per model: that of the terminal, in the table and in the legends.
         let shown = model_title(name).split('\'').next().unwrap();
         assert!(page.matches(shown).count() >= 2, "{name}: {shown}");
@@ -288,7 +292,7 @@ fn scales_have_units_and_axes_their_frame() {
         prediction.axis = "base fitted to the points".to_owned();
     }
     let page = render(&input).unwrap();
-    assert_eq!(page.matches("position error, base by arcs (mm)").count(), 2);
+    assert_eq!(page.matches("position error, base by arcs (mm)").count(), 1);
     assert_eq!(page.matches("found error, base fitted to the points (mm)").count(), 1);
     let figure = |label: &str| {
         let start = page.find(label).unwrap_or_else(|| panic!("{label}"));
@@ -298,30 +302,70 @@ fn scales_have_units_and_axes_their_frame() {
     for value in ["\n1\n", "\n0\n", "\n-1\n", "\ncorrelation\n"] {
         assert!(map.contains(value), "{value:?}");
     }
-    let dots = figure("aria-label=\"Errors over the workspace, nominal and calibrated\"");
-    assert!(dots.contains("position error:") && dots.matches(" mm\n").count() == 3);
+    for panel in ["before: nominal", "after: calibrated"] {
+        let dots = figure(&format!("aria-label=\"Position errors, {panel}\""));
+        assert!(dots.contains("error:") && dots.matches(" mm\n").count() == 3);
+    }
 }
 
-// Fails if a folded part is a `details`, which browsers print closed, or is hidden on paper; or if
-// the whole configuration is printed.
+// Fails if a folded part is a `details`, which browsers print closed even where the reader opened it, if paper has what the
+// screen folds away, or if a parameter that the data leave open stands among those that they determine.
 #[test]
-fn paper_shows_what_the_screen_folds() {
+fn paper_has_what_is_open_on_the_screen() {
     let mut input = full();
     let row = input.parameters[0].clone();
     input.parameters = (0..60)
         .map(|k| ParameterRow {
             name: format!("theta{k}"),
+            identified: k % 5 != 0,
             ..row.clone()
         })
         .collect();
     let page = render(&input).unwrap();
     assert!(!page.contains("<details"));
-    assert!(page.contains("<input type=\"checkbox\" id=\"fold-1\"><label for=\"fold-1\">The other 12 parameters"));
+    let fold = page.find("12 parameters that the data leave open").unwrap();
+    assert!(page.find("theta1<").unwrap() < fold && page.find("theta5<").unwrap() > fold);
     let style = include_str!("style.css");
-    assert_eq!(style.matches("~.folded{display:none}").count(), 1);
-    assert!(style.contains("@media screen{.fold>input:not(:checked)~.folded{display:none}}"));
-    assert!(page.contains("<div class=\"screen\"><div class=\"fold\">"));
-    assert!(style.contains("nav,.screen{display:none}"));
+    let (screen, print) = style.split_once("@media print").unwrap();
+    assert!(screen.contains("\n.fold>input:not(:checked)~.folded{display:none}"));
+    assert!(print.contains(".fold>input:not(:checked)~label{display:none}"));
+}
+
+// Fails if the first screen has another order than answer, picture, remarks, files, if it has more than three remarks or a
+// remark in full, or if a remark is lost.
+#[test]
+fn the_first_screen_answers() {
+    let mut input = full();
+    input.headline.reasons = (0..5)
+        .map(|k| format!("sphere {k} is 0.3 mm off its place (x: 0.1), p = 1e-9; measure it again"))
+        .collect();
+    let page = render(&input).unwrap();
+    let mut rest = page.as_str();
+    for part in [
+        "May be used",
+        "The robot is 78 % more accurate.",
+        "Position errors, before: nominal",
+        "Position errors, after: calibrated",
+        "<li>Sphere 0 is 0.3 mm off its place</li>",
+        "<li>Sphere 2 is 0.3 mm off its place</li>",
+        "2 more",
+        "what it holds",
+        "<nav>",
+    ] {
+        rest = rest.split_once(part).unwrap_or_else(|| panic!("{part}")).1;
+    }
+    assert!(!page.contains("<li>Sphere 3"));
+    assert_eq!(rest.matches("; measure it again</li>").count(), 5);
+}
+
+// Fails if a text at the foot of a page can end its style, or loses a character.
+#[test]
+fn the_foot_of_a_page_is_escaped() {
+    let style = parts::margin_text("a\"}</style> 7");
+    assert_eq!(
+        style,
+        "@page{@bottom-left{content:\"a\\000022 \\00007d \\00003c \\00002f style\\00003e  7\"}}"
+    );
 }
 
 /// Empty and degenerate input gives a page, not a panic.

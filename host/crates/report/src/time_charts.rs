@@ -3,6 +3,7 @@
 use plotters::prelude::*;
 
 use super::charts::{ChartError, FAINT, INK, PAPER, SERIES, SOFT, axes, draw, legend, round_step, short};
+use super::headline::first_upper;
 use super::input::{Curves, HistogramChart};
 
 /// The finite values of a histogram with their smallest and largest.
@@ -20,14 +21,7 @@ pub(super) fn single_value(histogram: &HistogramChart) -> Option<String> {
     let (values, low, high) = range(histogram);
     let step = histogram.step.max(1e-3 * high.abs());
     (!values.is_empty() && high - low < step).then(|| {
-        // It begins a sentence.
-        let mut letters = histogram.what.chars();
-        let what: String = letters
-            .next()
-            .into_iter()
-            .flat_map(char::to_uppercase)
-            .chain(letters)
-            .collect();
+        let what = first_upper(&histogram.what);
         format!("{what}: {} in all {} {}.", short(&low), values.len(), histogram.of)
     })
 }

@@ -11,7 +11,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::Evaluation;
 use crate::course::Course;
@@ -33,7 +33,7 @@ impl Evaluation {
 }
 
 /// How far the couplings of one sphere lie apart.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Repeatability {
     /// Spheres that were coupled more than once.
     pub spheres: usize,

@@ -18,7 +18,7 @@ use nalgebra::{DMatrix, Vector3};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use spherecal_model::statistics::quantile;
 
 pub use self::budget::{BudgetTerm, ErrorBudget, Source};
@@ -31,7 +31,7 @@ use crate::workspace::stacked;
 use crate::{Calibration, Experiment, Target, halton_configurations};
 
 /// Error of the TCP to expect over a region, in mm.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ExpectedError {
     /// Mean over the region.
     pub mean: f64,

@@ -5,7 +5,8 @@ use std::path::Path;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use spherecal_model::read_text;
-use spherecal_store::time::is_date;
+use spherecal_report::Certificate;
+use spherecal_store::time::{is_date, months_after};
 
 use super::{ConfigError, MOST_BYTES};
 
@@ -20,29 +21,44 @@ pub(super) fn is_one_line(text: &str) -> bool {
 /// Longest validity, in months.
 const MOST_MONTHS: u32 = 120;
 
-/// Names and numbers of the certificate, which is the last page of the report. The program cannot know
-/// them. What is left out is printed as "not stated".
+/// Names and numbers of the certificate that `spherecal certificate` writes. The program cannot know them. A certificate is
+/// refused while one that ISO/IEC 17025 asks for is left out; a draft has "not stated" in its place.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CertificateSection {
     /// Number of the certificate.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub number: Option<String>,
+    /// Customer.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub customer: Option<String>,
+    /// Address of the customer, with a contact.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub customer_address: Option<String>,
     /// Laboratory or company that calibrates.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub laboratory: Option<String>,
+    /// Address of the laboratory.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub laboratory_address: Option<String>,
     /// Where the robot stands: building, room, cell.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub place: Option<String>,
     /// Who calibrates.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub operator: Option<String>,
+    /// Who authorises the certificate, and signs it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub authorised_by: Option<String>,
     /// Serial number of the robot. Default: `arm`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub serial: Option<String>,
     /// Temperature at the robot during the measurement, in degrees Celsius.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub temperature_c: Option<f64>,
+    /// Further conditions that matter, such as humidity, or how long the robot had warmed up.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub conditions: Option<String>,
     /// Instrument that judged the result or measured the points: maker, type, serial number.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub instrument: Option<String>,
@@ -95,6 +111,39 @@ impl CertificateSection {
         Ok(section)
     }
 
+    /// Writes what is stated here onto a certificate; what is left out stays as it is there. A date of measurement that the
+    /// data told stays, too.
+    pub fn state(&self, certificate: &mut Certificate) {
+        let put = |own: &Option<String>, there: &mut Option<String>| {
+            if let Some(words) = own.as_ref().filter(|v| !v.trim().is_empty()) {
+                *there = Some(words.clone());
+            }
+        };
+        put(&self.number, &mut certificate.number);
+        put(&self.customer, &mut certificate.customer);
+        put(&self.customer_address, &mut certificate.customer_address);
+        put(&self.laboratory, &mut certificate.laboratory);
+        put(&self.laboratory_address, &mut certificate.laboratory_address);
+        put(&self.place, &mut certificate.place);
+        put(&self.operator, &mut certificate.operator);
+        put(&self.authorised_by, &mut certificate.authorised_by);
+        put(&self.serial, &mut certificate.serial);
+        put(&self.conditions, &mut certificate.conditions);
+        put(&self.instrument, &mut certificate.instrument);
+        put(&self.instrument_certificate, &mut certificate.instrument_certificate);
+        put(&self.plate, &mut certificate.plate);
+        put(&self.plate_certificate, &mut certificate.plate_certificate);
+        if certificate.measured.is_none() {
+            put(&self.measured_on, &mut certificate.measured);
+        }
+        certificate.temperature_c = self.temperature_c.or(certificate.temperature_c);
+        certificate.validity_months = self.validity_months.or(certificate.validity_months);
+        certificate.next_calibration = certificate
+            .validity_months
+            .filter(|_| certificate.may_be_used)
+            .and_then(|months| months_after(certificate.measured.as_deref()?, months));
+    }
+
     /// Checks every value.
     ///
     /// # Errors
@@ -102,9 +151,14 @@ impl CertificateSection {
     pub(super) fn check(&self) -> Result<(), ConfigError> {
         for (field, text) in [
             ("number", &self.number),
+            ("customer", &self.customer),
+            ("customer_address", &self.customer_address),
             ("laboratory", &self.laboratory),
+            ("laboratory_address", &self.laboratory_address),
             ("place", &self.place),
             ("operator", &self.operator),
+            ("authorised_by", &self.authorised_by),
+            ("conditions", &self.conditions),
             ("serial", &self.serial),
             ("instrument", &self.instrument),
             ("instrument_certificate", &self.instrument_certificate),

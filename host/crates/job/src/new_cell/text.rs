@@ -98,19 +98,29 @@ impl Decided<'_> {
              origin_m = {origin}\n\
              rpy_rad = {rpy}\n\
              \n\
-             # Page one of the report, the certificate: what the program cannot know. What is left out is printed as\n\
-             # \"not stated\"; take the # away before a line that you fill in.\n\
+             # What `spherecal certificate` needs and cannot know: take the # away before a line that you fill in. It is all\n\
+             # that ISO/IEC 17025 asks for; a draft may lack some of it.\n\
              [certificate]\n\
              # number = \"\"\n\
+             # customer = \"\"\n\
+             # customer_address = \"\"\n\
              # laboratory = \"\"\n\
+             # laboratory_address = \"\"\n\
              # Where the robot stands: building, room, cell.\n\
              # place = \"\"\n\
              # operator = \"\"\n\
+             # Who authorises the certificate, and signs it.\n\
+             # authorised_by = \"\"\n\
              # Temperature at the robot during the measurement, in degrees Celsius.\n\
              # temperature_c = 20.0\n\
-             # Number of the plate's own certificate.\n\
+             # For measured points: the instrument, the number of its certificate, and the day as YYYY-MM-DD.\n\
+             # instrument = \"\"\n\
+             # instrument_certificate = \"\"\n\
+             # measured_on = \"2026-11-28\"\n\
+             # For contacts: the plate, and the number of its certificate.\n\
+             # plate = \"\"\n\
              {plate_certificate}\n\
-             # Months to the next calibration, as your procedure says.\n\
+             # Months to the next calibration, as agreed with the customer.\n\
              # validity_months = 12\n",
             robot = quoted(&self.robot),
             arm = quoted(stated.serial.trim()),

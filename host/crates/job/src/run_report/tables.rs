@@ -12,7 +12,9 @@ pub(super) fn strings(words: &[&str]) -> Vec<String> {
 pub(super) fn contacts(m: &Measurements) -> SimpleTable {
     SimpleTable {
         title: "Contacts and triggers".to_owned(),
-        caption: "Latency counts from the lasting crossing of the threshold to the declaration.".to_owned(),
+        caption: "Latency counts from the lasting crossing of the threshold to the declaration. The peak is that of the whole descent, \
+                  short impacts included; the figures of the force show its end."
+            .to_owned(),
         columns: strings(&[
             "sphere",
             "trigger (N)",
@@ -165,8 +167,12 @@ pub(super) fn provenance(m: &Measurements, s: &Summary, created: &str) -> Vec<(S
         (
             "poses".to_owned(),
             format!(
-                "{} planned, {} reachable, {} recorded, {} given up",
-                s.poses.planned, s.poses.reachable, s.poses.recorded, s.poses.rejected
+                "{} planned, {} reachable, {} recorded, {} given up; {:.0} min of robot time",
+                s.poses.planned,
+                s.poses.reachable,
+                s.poses.recorded,
+                s.poses.rejected,
+                s.simulated_s / 60.0
             ),
         ),
         (

@@ -29,7 +29,6 @@ pub fn holds_report(
                  of the whole hold; at {agree} of {} places the first {window_s:.0} s gave the same position, within the noise or {HARMLESS_UM} µm.",
                 holds.len()
             ),
-            detail: String::new(),
             reasons: reasons(holds, joint),
             next: if all {
                 format!("Recordings of {window_s:.0} s are long enough.")
@@ -37,6 +36,7 @@ pub fn holds_report(
                 "Clean nest and spheres, and check that the seating is monitored: the TCP must not drift while the nest is seated."
                     .to_owned()
             },
+            files: Vec::new(),
             figures: vec![
                 (
                     "Largest joint deviation".to_owned(),
