@@ -1,6 +1,6 @@
 //! The commands.
 
-use clap::{Parser, Subcommand};
+use clap::{Command, Parser, Subcommand};
 
 use super::args::{RunArgs, StoredArgs};
 use super::certificate::CertificateArgs;
@@ -35,6 +35,42 @@ Examples:
 
 Exit codes: 0 done; 1 the job failed; 2 wrong usage or input;
 3 finished, but the result must not be used.";
+
+/// The commands in the help of the program: the title of a group, those with their line, and those by name.
+const GROUPS: [(&str, &[&str], &[&str]); 5] = [
+    (
+        "Calibrate",
+        &["init", "run", "identify", "check", "certificate"],
+        &["plan", "teach", "measure", "validate", "stability"],
+    ),
+    ("Look", &["report", "history"], &["trend", "export"]),
+    ("Robot", &["robot"], &["commission", "collect"]),
+    ("Serve", &["serve"], &["plant", "controller", "conform"]),
+    ("More", &["doctor"], &["config", "store", "completions", "man"]),
+];
+
+/// The command line with its commands in groups. `clap` has one list of them.
+pub(super) fn grouped(command: Command) -> Command {
+    let mut list = String::new();
+    for (title, shown, named) in GROUPS {
+        list += &format!("{title}:\n");
+        for name in shown {
+            let about = command.find_subcommand(name).and_then(Command::get_about);
+            let about = about.map(ToString::to_string).unwrap_or_default();
+            list += &format!("  {name:<12} {about}\n");
+        }
+        if !named.is_empty() {
+            list += &format!("  also: {}\n", named.join(", "));
+        }
+        list.push('\n');
+    }
+    // Hidden, they are not listed a second time, among the options.
+    let command = command.mut_subcommands(|subcommand| subcommand.hide(true));
+    command.help_template(format!(
+        "{{before-help}}{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{list}`spherecal COMMAND --help` explains a \
+         command.\n\n{{all-args}}{{after-help}}"
+    ))
+}
 
 /// A robot arm calibrates itself by touching three precision spheres.
 ///
@@ -118,8 +154,9 @@ pub enum CliCommand {
                             spherecal run --link controller:127.0.0.1:7402"
     )]
     Controller(ControllerArgs),
-    /// Serve robot, laser tracker and database as network services (gRPC, Figure 4 of the paper),
-    /// and a web page with current runs and past calibrations.
+    /// Serve robot, laser tracker, database and a web page of all runs to other machines.
+    ///
+    /// The services are gRPC (Figure 4 of the paper). The page shows current runs and past calibrations.
     #[command(after_help = "Example: spherecal serve --grpc 7403 --seed 2\n         \
                             spherecal run --link grpc:127.0.0.1:7403 --tracker grpc:127.0.0.1:7403 --store grpc:127.0.0.1:7403")]
     Serve(Box<ServeArgs>),
@@ -153,4 +190,30 @@ pub enum CliCommand {
                             spherecal store recover spherecal-out/calibration.db saved/calibration.db"
     )]
     Store(StoreArgs),
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory as _;
+
+    use super::*;
+
+    // Fails if a command is in no group or in two, if a group names one that does not exist, or if more than ten commands
+    // have a line of their own.
+    #[test]
+    fn every_command_is_in_one_group() {
+        let command = Cli::command();
+        let mut all: Vec<&str> = command.get_subcommands().map(Command::get_name).collect();
+        let mut grouped: Vec<&str> = GROUPS.iter().flat_map(|g| [g.1, g.2].concat()).collect();
+        all.sort_unstable();
+        grouped.sort_unstable();
+        assert_eq!(grouped, all);
+        assert!(GROUPS.iter().map(|g| g.1.len()).sum::<usize>() <= 10);
+        let help = super::grouped(command).render_long_help().to_string();
+        let screen: Vec<&str> = help.lines().take(34).collect();
+        assert!(screen.iter().all(|line| line.chars().count() <= 100), "{screen:#?}");
+        for line in ["Calibrate:", "  also: config, store, completions, man"] {
+            assert!(screen.contains(&line), "{line} in {help}");
+        }
+    }
 }

@@ -59,6 +59,7 @@ use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
 pub use args::RunArgs;
+use command::grouped;
 pub use command::{Cli, CliCommand};
 pub use exit::{CliError, Exit, interrupt};
 use out::errln;
@@ -75,7 +76,7 @@ pub fn main() -> ExitCode {
 /// Runs the program with `arguments`, the first of which is the program's name: for a host
 /// process that is not `spherecal`, such as a Python interpreter. Wrong usage is printed too.
 pub fn main_with(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Exit {
-    match parse::<Cli>(arguments) {
+    match parse_as::<Cli>(grouped(Cli::command()), arguments) {
         Ok(cli) => finish("spherecal", cli.verbose, || execute(cli)),
         Err(error) => {
             let asked = error.get(ContextKind::InvalidSubcommand).map(ToString::to_string);
@@ -95,13 +96,21 @@ pub fn main_with(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Exi
 /// # Errors
 /// Wrong usage, or a request for the help or the version.
 pub fn parse<C: clap::Parser>(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> Result<C, clap::Error> {
+    parse_as(C::command(), arguments)
+}
+
+/// The same with a command line that was changed.
+fn parse_as<C: clap::Parser>(
+    command: clap::Command,
+    arguments: impl IntoIterator<Item = std::ffi::OsString>,
+) -> Result<C, clap::Error> {
     let numbers = |command: clap::Command| {
         command.mut_args(|arg| {
             let takes_value = arg.get_action().takes_values();
             arg.allow_negative_numbers(takes_value)
         })
     };
-    let command = numbers(C::command()).mut_subcommands(numbers);
+    let command = numbers(command).mut_subcommands(numbers);
     C::from_arg_matches(&command.try_get_matches_from(arguments)?)
 }
 

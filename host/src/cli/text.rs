@@ -4,8 +4,9 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use spherecal_identify::evaluate::model_title;
-use spherecal_job::{ModelSummary, Summary, expected_words};
+use spherecal_job::{ModelSummary, Summary};
 use spherecal_plan::Plan;
+use spherecal_report::headline::brief;
 
 /// The models of the printed validation table, in order.
 const MODELS: [&str; 6] = [
@@ -17,32 +18,22 @@ const MODELS: [&str; 6] = [
     "known_laws",
 ];
 
-/// The result of a run.
+/// The result of a run: what was done, the answer, what to keep in mind, the files, and what to do next.
 pub(super) fn result(summary: &Summary, files: &[PathBuf]) -> String {
     let mut out = String::new();
     let p = &summary.poses;
+    let faults = summary.faults.len();
     let _ = writeln!(
         out,
-        "\n{}: {} of {} poses recorded on {} contacts, {} faults; {:.0} s of robot time in {:.1} s ({:.0}x)\n",
+        "\n{}: {} of {} poses recorded on {} contacts, {faults} {}; {:.0} s of robot time in {:.1} s ({:.0}x)\n",
         summary.robot,
         p.recorded,
         p.chosen,
         summary.contacts.len(),
-        summary.faults.len(),
+        if faults == 1 { "fault" } else { "faults" },
         summary.simulated_s,
         summary.wall_s,
         summary.real_time_factor
-    );
-    out.push_str(&contacts(summary));
-    out.push_str(&table(summary));
-    let _ = writeln!(
-        out,
-        "Residuals of the recordings: rms {:.3} mm, max {:.3} mm, outliers: {}; rank {} of {} columns\n",
-        summary.residual.rms_mm,
-        summary.residual.max_mm,
-        summary.residual.outliers,
-        summary.identifiability.rank,
-        summary.identifiability.columns
     );
     if let Some(drive) = &summary.drive {
         let _ = writeln!(out, "Real time: {}\n", drive.words());
@@ -55,21 +46,6 @@ pub(super) fn result(summary: &Summary, files: &[PathBuf]) -> String {
         }
     }
     let _ = writeln!(out, "\nNext: {}", summary.verdict.next);
-    out
-}
-
-fn contacts(summary: &Summary) -> String {
-    let mut out = String::new();
-    for c in &summary.contacts {
-        let _ = writeln!(
-            out,
-            "  sphere {}: contact at {:.1} N after {:.1} mm (peak {:.1} N, {} periods from first crossing)",
-            c.sphere, c.force_n, c.travel_mm, c.peak_n, c.latency_ticks
-        );
-    }
-    if !out.is_empty() {
-        out.push('\n');
-    }
     out
 }
 
@@ -108,14 +84,12 @@ fn row(title: &str, m: &ModelSummary) -> String {
     )
 }
 
+/// The headline, and each remark by its first clause: `report.html` has them in full, and all figures.
 pub(super) fn verdict(summary: &Summary) -> String {
     let v = &summary.verdict;
     let mut out = format!("{}\n", v.headline);
-    if let Some(e) = &v.expected_error_mm {
-        let _ = writeln!(out, "{}", expected_words(e));
-    }
-    for reason in v.reasons.iter().chain(&summary.remarks) {
-        let _ = writeln!(out, "  - {reason}");
+    for remark in v.reasons.iter().chain(&summary.remarks) {
+        let _ = writeln!(out, "  - {}", brief(remark));
     }
     out
 }

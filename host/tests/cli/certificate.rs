@@ -150,7 +150,8 @@ fn slow_a_run_has_its_certificate() {
     let again: Value = serde_json::from_slice(&again.stdout).expect("JSON");
     assert_eq!(&again["certificate"], certificate);
     // Models have the names that the terminal prints.
-    let said = text(&output.stdout);
+    let table = spherecal(folder, &["validate", "--out", "o"]);
+    let said = text(&table.stdout);
     for name in ["spheres (this calibration)", "laser tracker, full model"] {
         assert!(said.contains(name) && html.contains(name), "{name}");
     }

@@ -54,7 +54,7 @@ pub use prepared::{ConnectedDevice, Connection, FaultyJournal, PreparedRun, Simu
 pub use run_report::run_report;
 pub use spherecal_identify::{Evaluation, Verdict};
 pub use stored::{StoredReport, contact_traces, open_store, put_contact_traces, stored_report};
-pub use summary::{LinkSummary, ModelSummary, PoseCounts, Summary, expected_words, summarise};
+pub use summary::{LinkSummary, ModelSummary, PoseCounts, Summary, summarise};
 pub use teach::teach;
 pub use telemetry::{RunTelemetry, run_telemetry};
 pub use waypoints::{TaughtWaypoint, TaughtWaypoints};

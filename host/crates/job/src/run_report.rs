@@ -5,7 +5,7 @@ use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_identify::validate::{Alignment, ValidationTable};
 use spherecal_model::LaserShot;
 use spherecal_report::calibration::{correlation, group_table, identifiability_words, parameter_rows};
-use spherecal_report::headline::{Error, compared, files};
+use spherecal_report::headline::{Error, compared, files, regions};
 use spherecal_report::judged;
 use spherecal_report::{
     ErrorSeries, ErrorTable, Headline, HistogramChart, ModelRow, PredictedAccuracy, ReportInput, ResidualPoint,
@@ -76,6 +76,7 @@ pub fn run_report(
             })
             .collect(),
         correlation: correlation(&e.calibration),
+        regions: regions(e),
         prediction: e
             .table()
             .map(|t| prediction(m, e, t))

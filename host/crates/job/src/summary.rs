@@ -12,7 +12,7 @@ use spherecal_shared::protocol::host::{FaultReport, Recording};
 use super::certificate::{hexadecimal, run_certificate};
 use super::{DriveTiming, Evaluation, JobError, LinkRecord, Measurements};
 use spherecal_identify::validate::{Alignment, ErrorStatistics};
-use spherecal_identify::{ExpectedError, ExpectedErrors, ParameterEstimate, Verdict};
+use spherecal_identify::{ParameterEstimate, Verdict};
 use spherecal_link::Injected;
 use spherecal_report::Certificate;
 
@@ -281,22 +281,6 @@ fn hash(recordings: &[Recording]) -> Result<String, JobError> {
         hash.update(&bytes);
     }
     Ok(hexadecimal(&hash.finalize()))
-}
-
-/// The expected error over the three regions in words.
-pub fn expected_words(e: &ExpectedErrors) -> String {
-    let of = |name: &str, e: &ExpectedError| {
-        format!(
-            "{name} {:.3} mm in the mean (95 % interval {:.3} to {:.3}), 95 % below {:.3}",
-            e.mean, e.interval[0], e.interval[1], e.p95
-        )
-    };
-    format!(
-        "Expected error with the compensator: {}; {}; {} (extrapolated)",
-        of("over the work region", &e.work),
-        of("as measured, with the instrument's noise,", &e.measured),
-        of("over the whole reach", &e.whole)
-    )
 }
 
 /// The files of a result with the error that each has over the work region, for `summary.json`.

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use super::calibration::{correlation, group_table, identifiability_words, parameter_rows};
-use super::headline::{Error, compared, files};
+use super::headline::{Error, compared, files, regions};
 use super::input::{Headline, ReportInput, ResidualPoint, SimpleTable};
 use super::judged::{self, DRAWN, thinned};
 use spherecal_identify::evaluate::{Errors, JudgedModel, millimetres};
@@ -129,6 +129,7 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         residuals,
         outliers,
         correlation: correlation(calibration),
+        regions: regions(evaluation),
         prediction: judged::prediction(evaluation, recordings),
         fit_tables: [group_table(&calibration.groups, place)]
             .into_iter()

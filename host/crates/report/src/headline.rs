@@ -1,8 +1,9 @@
 //! Words of a report's headline, the same for a run and for a study.
 
+use spherecal_identify::ExpectedError;
 use spherecal_identify::evaluate::Evaluation;
 
-use super::input::FileError;
+use super::input::{FileError, SimpleTable};
 
 /// Mean and largest error of a model, in mm.
 #[derive(Clone, Copy, Debug)]
@@ -92,4 +93,31 @@ pub fn files(evaluation: &Evaluation) -> Vec<FileError> {
         row("calibrated.toml", "the full model, for a compensator", Some(full.work)),
         urdf,
     ]
+}
+
+/// The expected error over each region, of the robot as it was and of each file.
+pub fn regions(evaluation: &Evaluation) -> Option<SimpleTable> {
+    let verdict = &evaluation.verdict;
+    let models = [
+        ("as it was", verdict.nominal_error_mm?),
+        ("calibrated.toml, with its compensator", verdict.expected_error_mm?),
+        ("geometry alone", verdict.file_error_mm?),
+    ];
+    let words = |e: &ExpectedError| {
+        format!(
+            "{:.3} ({:.3} to {:.3}), {:.3}",
+            e.mean, e.interval[0], e.interval[1], e.p95
+        )
+    };
+    Some(SimpleTable {
+        title: "Expected error, in mm".to_owned(),
+        caption: "Mean over the region (its 95 % interval), and what 95 % of the region are below. As measured: at the postures \
+                  of the data, with the noise of the instrument. The whole reach is extrapolated."
+            .to_owned(),
+        columns: ["", "work region", "as measured", "whole reach"].map(str::to_owned).to_vec(),
+        rows: models
+            .iter()
+            .map(|(name, e)| vec![(*name).to_owned(), words(&e.work), words(&e.measured), words(&e.whole)])
+            .collect(),
+    })
 }

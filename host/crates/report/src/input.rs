@@ -215,6 +215,8 @@ pub struct ReportInput {
     pub outliers: Vec<(String, String)>,
     /// Correlations.
     pub correlation: Option<Correlation>,
+    /// Expected errors by region.
+    pub regions: Option<SimpleTable>,
     /// Predicted accuracy.
     pub prediction: Option<PredictedAccuracy>,
     /// Goodness of fit, contacts, seating, triggers.

@@ -8,7 +8,9 @@ use super::charts::{self, ChartError};
 use super::correlation_map;
 use super::headline::brief;
 use super::input::{ErrorSeries, ParameterRow, ReportInput};
-use super::parts::{Folds, error_table, file_table, margin_text, outlier_table, provenance, simple_table, tables};
+use super::parts::{
+    Folds, error_table, file_table, margin_text, outlier_table, parameter_table, provenance, simple_table, tables,
+};
 use super::space;
 use super::time_charts;
 
@@ -174,7 +176,8 @@ fn accuracy(input: &ReportInput, figures: &mut Figures, folds: &mut Folds) -> Re
 }
 
 fn predicted(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, ChartError> {
-    let Some(p) = &input.prediction else { return Ok(None) };
+    let regions = input.regions.as_ref().map(simple_table);
+    let Some(p) = &input.prediction else { return Ok(regions) };
     let mut figure = None;
     let inside = p.pairs_mm.iter().filter(|(s, e)| *e <= 2.0 * s).count();
     if p.pairs_mm.len() > 2 {
@@ -185,6 +188,7 @@ fn predicted(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup
         figure = Some(figures.figure(&charts::prediction(p)?, &words));
     }
     Ok(Some(html! {
+        @if let Some(t) = regions { (t) }
         p.lead {
             "From the covariance of all parameters, a predicted position is uncertain by "
             b { (format!("{:.3} mm", p.mean_mm)) } " (1 sigma, mean over the workspace), at worst "
@@ -193,58 +197,6 @@ fn predicted(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup
         }
         @if let Some(f) = figure { (f) }
     }))
-}
-
-/// A number with as many digits as its uncertainty justifies.
-fn number(value: f64, sigma: f64) -> String {
-    if value != 0.0 && value.abs() < 1e-3 && sigma < 1e-3 {
-        return format!("{value:.2e}");
-    }
-    let digits = if sigma > 0.0 {
-        (2.0 - sigma.log10().floor()).clamp(1.0, 7.0) as usize
-    } else {
-        4
-    };
-    format!("{value:.digits$}")
-}
-
-fn parameter_row(p: &ParameterRow) -> Markup {
-    let shift = p.estimate - p.nominal;
-    let percent = |v: f64| (50.0 + 50.0 * v / (3.0 * p.prior_sigma)).clamp(0.0, 100.0);
-    let drawn = p.free && p.prior_sigma > 0.0 && p.prior_sigma < 1.0;
-    let status = match (p.free, p.identified) {
-        (false, _) => "held fixed",
-        (true, true) => "identified",
-        (true, false) => "from the prior",
-    };
-    html! {
-        tr class=(if p.free { "" } else { "dim" }) {
-            td { (p.name) }
-            td { (number(p.nominal, p.sigma)) }
-            td { (number(p.estimate, p.sigma)) }
-            td { @if p.free { (number(shift, p.sigma)) } }
-            td { @if p.free { (format!("{:.2e}", p.sigma)) } }
-            td { (p.unit) }
-            td { @if drawn {
-                @let (low, high) = (percent(shift - 2.0 * p.sigma), percent(shift + 2.0 * p.sigma));
-                span.bar title="shift from nominal and its 95 % interval, over ±3 prior sigma" {
-                    i style=(format!("left:{low:.1}%;width:{:.1}%", (high - low).max(1.0))) {}
-                    u {} b style=(format!("left:calc({:.1}% - 1px)", percent(shift))) {}
-                }
-            } }
-            td { span class=(if p.identified { "tag yes" } else { "tag" }) { (status) } }
-        }
-    }
-}
-
-fn parameter_table(rows: &[&ParameterRow]) -> Markup {
-    html! {
-        div.scroll { table {
-            thead { tr { th { "parameter" } th { "nominal" } th { "estimate" } th { "shift" } th { "sigma" } th { "unit" }
-                th { "over ±3 prior sigma" } th { "status" } } }
-            tbody { @for p in rows { (parameter_row(p)) } }
-        } }
-    }
 }
 
 fn parameters(input: &ReportInput, folds: &mut Folds) -> Option<Markup> {

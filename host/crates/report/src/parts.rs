@@ -4,7 +4,7 @@ use maud::{Markup, html};
 use spherecal_identify::evaluate::model_title;
 
 use super::charts;
-use super::input::{ErrorTable, FileError, SimpleTable};
+use super::input::{ErrorTable, FileError, ParameterRow, SimpleTable};
 
 /// Numbers the folded parts: each has a name of its own on the page.
 #[derive(Default)]
@@ -117,4 +117,56 @@ pub(super) fn provenance(facts: &[(String, String)], configuration: &[String], f
         dl.facts { @for (name, value) in facts { dt { (name) } dd { (value) } } }
         @if !configuration.is_empty() { (folds.fold("The whole configuration", &whole)) }
     })
+}
+
+/// A number with as many digits as its uncertainty justifies.
+fn number(value: f64, sigma: f64) -> String {
+    if value != 0.0 && value.abs() < 1e-3 && sigma < 1e-3 {
+        return format!("{value:.2e}");
+    }
+    let digits = if sigma > 0.0 {
+        (2.0 - sigma.log10().floor()).clamp(1.0, 7.0) as usize
+    } else {
+        4
+    };
+    format!("{value:.digits$}")
+}
+
+fn parameter_row(p: &ParameterRow) -> Markup {
+    let shift = p.estimate - p.nominal;
+    let percent = |v: f64| (50.0 + 50.0 * v / (3.0 * p.prior_sigma)).clamp(0.0, 100.0);
+    let drawn = p.free && p.prior_sigma > 0.0 && p.prior_sigma < 1.0;
+    let status = match (p.free, p.identified) {
+        (false, _) => "held fixed",
+        (true, true) => "identified",
+        (true, false) => "from the prior",
+    };
+    html! {
+        tr class=(if p.free { "" } else { "dim" }) {
+            td { (p.name) }
+            td { (number(p.nominal, p.sigma)) }
+            td { (number(p.estimate, p.sigma)) }
+            td { @if p.free { (number(shift, p.sigma)) } }
+            td { @if p.free { (format!("{:.2e}", p.sigma)) } }
+            td { (p.unit) }
+            td { @if drawn {
+                @let (low, high) = (percent(shift - 2.0 * p.sigma), percent(shift + 2.0 * p.sigma));
+                span.bar title="shift from nominal and its 95 % interval, over ±3 prior sigma" {
+                    i style=(format!("left:{low:.1}%;width:{:.1}%", (high - low).max(1.0))) {}
+                    u {} b style=(format!("left:calc({:.1}% - 1px)", percent(shift))) {}
+                }
+            } }
+            td { span class=(if p.identified { "tag yes" } else { "tag" }) { (status) } }
+        }
+    }
+}
+
+pub(super) fn parameter_table(rows: &[&ParameterRow]) -> Markup {
+    html! {
+        div.scroll { table {
+            thead { tr { th { "parameter" } th { "nominal" } th { "estimate" } th { "shift" } th { "sigma" } th { "unit" }
+                th { "over ±3 prior sigma" } th { "status" } } }
+            tbody { @for p in rows { (parameter_row(p)) } }
+        } }
+    }
 }

@@ -114,6 +114,7 @@ pub(crate) fn full() -> ReportInput {
                 .map(|i| (0..20).map(|j| if i == j { 1.0 } else { wave(i * j, 1.3) }).collect())
                 .collect(),
         }),
+        regions: Some(SimpleTable::default()),
         prediction: Some(PredictedAccuracy {
             mean_mm: 0.1,
             max_mm: 0.2,

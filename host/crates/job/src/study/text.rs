@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use spherecal_identify::evaluate::{Errors, Judged, JudgedModel, millimetres, model_title};
 use spherecal_identify::study::Study;
+use spherecal_report::headline::brief;
 
 fn table(out: &mut String, judged: &Judged) {
     let _ = writeln!(
@@ -56,10 +57,7 @@ pub fn summary_text(study: &Study) -> String {
     );
     let _ = writeln!(out, "{}", v.headline);
     for reason in &v.reasons {
-        let _ = writeln!(out, "  - {reason}");
-    }
-    if let Some(e) = v.expected_error_mm {
-        let _ = writeln!(out, "{}", crate::summary::expected_words(&e));
+        let _ = writeln!(out, "  - {}", brief(reason));
     }
     if let Some(judged) = judged {
         let _ = writeln!(
@@ -116,7 +114,7 @@ pub fn summary_text(study: &Study) -> String {
             let _ = writeln!(out, "  - {note}");
         }
         if study.notes.len() > 12 {
-            let _ = writeln!(out, "  - and {} more in summary.json", study.notes.len() - 12);
+            let _ = writeln!(out, "  - and {} more in report.html", study.notes.len() - 12);
         }
     }
     let _ = writeln!(out, "\n{}", v.next);
