@@ -11,10 +11,12 @@ use super::features;
 use super::live_output::LiveOutput;
 use super::out::{err, errln, out, outln};
 use super::progress::ProgressView;
+use super::study_progress::StudyProgress;
 use super::text;
 use crate::simulated::{self, SimulatedCell, SimulationError};
 use spherecal_campaign::telemetry::{ContactTrace, DrawnArm, TelemetryRecorder};
 use spherecal_campaign::{CampaignObserver, Moved, Progress};
+use spherecal_identify::study::StudyStep;
 use spherecal_job::open_store;
 use spherecal_job::{self as job, JobError, Link, Measurements, PreparedRun, Site, Summary, TaughtWaypoints};
 use spherecal_link::qemu::LOG_FILE;
@@ -64,7 +66,7 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
     let interrupt = interrupt()?;
     let (mut store, info, mut live) = measure(args, &interrupt)?;
     live.remark("measurement complete; identifying the robot");
-    let finished = evaluate(&args.out, store.as_mut(), &info).and_then(|finished| {
+    let finished = evaluate(&args.out, store.as_mut(), &info, args.json).and_then(|finished| {
         store.set_state(info.run, "complete")?;
         Ok(finished)
     });
@@ -296,14 +298,21 @@ fn resumed(
     Ok((store, prepared, Some(info)))
 }
 
-/// Identifies and validates a stored run, and writes all files.
+/// Identifies and validates a stored run, and writes all files. It shows its steps unless it is to be `quiet`.
 pub(super) fn evaluate(
     out: &std::path::Path,
     store: &mut dyn CalibrationStore,
     info: &RunInfo,
+    quiet: bool,
 ) -> Result<FinishedRun, CliError> {
     let measurements: Measurements = job::read(store, info)?;
-    let evaluation = simulated::evaluate(&measurements)?;
+    // It is dropped, and so taken away, once all files are written, also after an error.
+    let mut view = (!quiet).then(StudyProgress::new);
+    let evaluation = simulated::evaluate(&measurements, &mut |step| {
+        if let Some(view) = &mut view {
+            view.show(StudyStep::Evaluating(step));
+        }
+    })?;
     let summary = job::summarise(&measurements, &evaluation, &info.created_utc)?;
     let traces = job::contact_traces(store, info.run)?;
     let written = job::write(out, &measurements, &evaluation, &summary, &traces, &info.created_utc)?;

@@ -57,7 +57,7 @@ pub(super) fn measure(args: &RunArgs) -> Result<Exit, CliError> {
 /// `spherecal validate`
 pub(super) fn validate(args: &StoredArgs) -> Result<Exit, CliError> {
     let (mut store, info) = stored(args)?;
-    let finished = evaluate(&args.out, store.as_mut(), &info)?;
+    let finished = evaluate(&args.out, store.as_mut(), &info, args.json)?;
     if args.json {
         return print(&finished, true);
     }
@@ -79,7 +79,7 @@ pub(super) fn validate(args: &StoredArgs) -> Result<Exit, CliError> {
 /// `spherecal report`
 pub(super) fn report(args: &StoredArgs) -> Result<Exit, CliError> {
     let (mut store, info) = stored(args)?;
-    let finished = evaluate(&args.out, store.as_mut(), &info)?;
+    let finished = evaluate(&args.out, store.as_mut(), &info, args.json)?;
     print(&finished, args.json)
 }
 

@@ -1,4 +1,4 @@
-//! Progress of `identify` on stderr: a bar on a terminal, otherwise a line at intervals.
+//! Progress of an identification on stderr: a bar on a terminal, otherwise a line at intervals.
 
 use std::io::IsTerminal as _;
 use std::time::{Duration, Instant};
@@ -75,8 +75,14 @@ impl StudyProgress {
         self.bar.set_message(words);
     }
 
-    /// Takes the bar away.
+    /// Takes the bar away, as does dropping it.
     pub(super) fn finish(&self) {
         self.bar.finish_and_clear();
+    }
+}
+
+impl Drop for StudyProgress {
+    fn drop(&mut self) {
+        self.finish();
     }
 }

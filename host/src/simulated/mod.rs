@@ -9,6 +9,7 @@ mod known_laws;
 use std::sync::Arc;
 
 use spherecal_campaign::{Operator, Tracker, TrackerError};
+use spherecal_identify::evaluate::EvaluationStep;
 use spherecal_identify::{Evaluation, Options};
 use spherecal_job::{
     self as job, Config, ConnectedDevice, Connection, DEFAULT_PRESET, JobError, Measurements, PreparedRun, Simulator,
@@ -168,8 +169,8 @@ pub fn prepare(config: &Config) -> Result<PreparedRun, JobError> {
 ///
 /// # Errors
 /// Data that cannot be identified or judged.
-pub fn evaluate(measurements: &Measurements) -> Result<Evaluation, JobError> {
-    job::evaluate(measurements, &SimulatedCell::default())
+pub fn evaluate(measurements: &Measurements, progress: &mut dyn FnMut(EvaluationStep)) -> Result<Evaluation, JobError> {
+    job::evaluate(measurements, &SimulatedCell::default(), progress)
 }
 
 /// The simulated arm that a run with this configuration calibrates, at rest at its home frame.

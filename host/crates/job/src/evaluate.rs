@@ -9,6 +9,7 @@ use super::link_record::LinkRecord;
 use super::{Config, ConfigError, JobError, Link, Simulator};
 use spherecal_identify::arcs::{Measured, MeasuredArc};
 use spherecal_identify::causes::Course;
+use spherecal_identify::evaluate::EvaluationStep;
 use spherecal_identify::{
     CampaignRecord, Estimator, EvaluateOptions, Evaluation, Experiment, Observation, Options, Recordings, Set, Sphere,
     Target, TrackerRecordings,
@@ -139,11 +140,15 @@ impl Measurements {
 }
 
 /// Identifies all models and judges them on the validation measurements. The simulator knows the laws of its errors, for
-/// comparison.
+/// comparison. `progress` is called before each step.
 ///
 /// # Errors
 /// Data that cannot be identified or judged.
-pub fn evaluate(m: &Measurements, simulator: &dyn Simulator) -> Result<Evaluation, JobError> {
+pub fn evaluate(
+    m: &Measurements,
+    simulator: &dyn Simulator,
+    progress: &mut dyn FnMut(EvaluationStep),
+) -> Result<Evaluation, JobError> {
     let work = match &m.config.cell.work {
         Some(work) => work
             .configurations(&Chain::unchecked(&m.robot, &m.tool))
@@ -168,7 +173,7 @@ pub fn evaluate(m: &Measurements, simulator: &dyn Simulator) -> Result<Evaluatio
         accuracy_mm: m.config.plan.accuracy_mm,
         ..EvaluateOptions::default()
     };
-    Ok(spherecal_identify::evaluate(&m.to_recordings(), &options, &mut |_| {})?)
+    Ok(spherecal_identify::evaluate(&m.to_recordings(), &options, progress)?)
 }
 
 /// The course of a run: when and in which coupling each recording was made.

@@ -65,7 +65,7 @@ impl StoredReport {
     /// # Errors
     /// Recordings from which nothing can be identified.
     pub fn render(&self) -> Result<String, JobError> {
-        let evaluation = evaluate(&self.measurements, self.simulator.as_ref())?;
+        let evaluation = evaluate(&self.measurements, self.simulator.as_ref(), &mut |_| {})?;
         let summary = summarise(&self.measurements, &evaluation, &self.created_utc)?;
         let report = run_report(
             &self.measurements,

@@ -155,7 +155,7 @@ impl Job {
         let mut store = SqlStore::open(&self.database()).expect("the database");
         let info = store.require_last_run().expect("a run");
         let measured = job::read(&mut store, &info).expect("recordings");
-        let evaluation = simulated::evaluate(&measured).expect("a calibration");
+        let evaluation = simulated::evaluate(&measured, &mut |_| {}).expect("a calibration");
         let summary = job::summarise(&measured, &evaluation, &info.created_utc).expect("a summary");
         let folder = self.folder.path();
         job::write(folder, &measured, &evaluation, &summary, &[], &info.created_utc).expect("files");

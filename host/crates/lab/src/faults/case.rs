@@ -55,7 +55,7 @@ impl CalibratedTrial {
             simulated_s: trial.robot_s,
             wall_s: 0.0,
         };
-        let found = evaluate(&measured)?;
+        let found = evaluate(&measured, &mut |_| {})?;
         let models = [Prediction {
             name: "spheres".to_owned(),
             points_m: shots
