@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,10 @@ class Parameters(Mapping[str, Parameter]):
 
     def __len__(self) -> int:
         return len(self._rows)
+
+    def __repr__(self) -> str:
+        determined = sum(row.identified for row in self._rows.values())
+        return f"<Parameters: {len(self)}, {determined} of them determined by the data>"
 
     def to_pandas(self) -> Any:
         """A pandas DataFrame with a row for each parameter."""
@@ -108,6 +113,10 @@ class Verdict:
     def __bool__(self) -> bool:
         return self.may_be_used
 
+    def __repr__(self) -> str:
+        word = "OK to use" if self.may_be_used else "DO NOT USE"
+        return f"<Verdict {word}: {len(self.reasons)} of {len(self.checks)} checks failed>"
+
 
 @dataclass(frozen=True)
 class Residuals:
@@ -137,15 +146,32 @@ class Identification:
         self.summary: dict[str, Any] = json.loads(native.summary_json())
 
     def __repr__(self) -> str:
-        found = self.expected_error
-        error = "unknown" if found is None else f"{found.mean * 1e3:.3f} mm"
-        return f"<Identification of {self.summary['robot']}: expected error {error}, {self._word()}>"
+        return f"<Identification {self.headline}>"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the headline, and each file with its expected error over the work region."""
+        colour = "#0f7b4f" if self.verdict else "#c02f26"
+        rows = []
+        for file in self.summary["files"]:
+            error = file["expected_error_mm"]
+            cells = "<td></td><td></td>"
+            if error is not None:
+                low, high = error["interval"]
+                cells = f"<td>{error['mean']:.3f}</td><td>{low:.3f} to {high:.3f}</td>"
+            rows.append(f"<tr><td>{escape(file['name'])}</td>{cells}</tr>")
+        return (
+            f'<p style="border-left:4px solid {colour};padding-left:8px"><b>{escape(self.headline)}</b></p>'
+            "<table><tr><th>file</th><th>expected error (mm)</th><th>95 % interval</th></tr>"
+            f"{''.join(rows)}</table>"
+        )
+
+    @property
+    def headline(self) -> str:
+        """Before, after, with which file, over which region, and whether it may be used."""
+        return str(self.summary["verdict"]["headline"])
 
     def __str__(self) -> str:
         return self._native.summary_text()
-
-    def _word(self) -> str:
-        return "OK to use" if self.verdict.may_be_used else "DO NOT USE"
 
     @property
     def parameters(self) -> Parameters:

@@ -71,6 +71,17 @@ class Robot:
     def __repr__(self) -> str:
         return f"Robot({self.name!r}, joints={self.joints}, tool={tuple(self.tool)})"
 
+    def __eq__(self, other: object) -> bool:
+        """Whether every length, angle, mass, limit and name is the same, and the tool."""
+        return self.to_toml() == other.to_toml() if isinstance(other, Robot) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.to_toml())
+
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        # For pickle and copy, and so for joblib and multiprocessing. Links and meshes of a URDF's file do not go along.
+        return Robot.from_toml, (self.to_toml(),)
+
     @property
     def name(self) -> str:
         """Name of the robot."""

@@ -122,6 +122,21 @@ def test_a_known_error_is_found_and_compensated():
     assert np.abs(commands - aim).max() < 0.02
 
 
+# Fails if a result, its verdict or its parameters say another thing than the command, or fill a screen; or if a notebook gets
+# no headline, no file, or a figure that the summary does not have.
+def test_results_show_their_headline():
+    nominal, _, q, points = simulated(80)
+    found = spherecal.identify(q, points=points, robot=nominal)
+    headline = found.summary["verdict"]["headline"]
+    assert headline in repr(found) and str(found).startswith(headline)
+    page = found._repr_html_()
+    assert headline.replace(">", "&gt;") in page
+    for file in found.summary["files"]:
+        assert file["name"] in page and f"{file['expected_error_mm']['mean']:.3f}" in page
+    assert "OK to use" in repr(found.verdict) and len(repr(found.verdict)) < 100
+    assert repr(found.parameters).startswith(f"<Parameters: {len(found.parameters)}, ")
+
+
 # Fails if a compensation is invented where the arm has no solution nearby.
 def test_a_compensation_beyond_a_limit_is_refused():
     nominal, _, q, points = simulated(80)

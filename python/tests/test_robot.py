@@ -1,6 +1,8 @@
 """Robots: kinematics against an independent reference, text, refusals."""
 
+import copy
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -29,6 +31,17 @@ def test_a_urdf_and_the_built_in_robot_agree(data):
     q = np.random.default_rng(1).uniform(-1.5, 1.5, (50, 7))
     file, built_in = Robot(data / "iiwa7.urdf"), Robot("iiwa7", tool=(0, 0, 0))
     np.testing.assert_allclose(file.fk(q), built_in.fk(q), atol=2e-6)
+
+
+# Fails if a robot that went through pickle or copy is another one, or if two different robots are equal.
+@pytest.mark.parametrize("source", ["ur5e", "iiwa14.urdf"])
+def test_a_robot_is_copied_and_compared(data, source):
+    robot = Robot(data / source if "." in source else source, tool=(0.01, -0.02, 0.1))
+    q = np.random.default_rng(3).uniform(-1, 1, (20, robot.joints))
+    for again in (pickle.loads(pickle.dumps(robot)), copy.deepcopy(robot)):
+        assert again == robot and hash(again) == hash(robot)
+        np.testing.assert_array_equal(again.fk(q), robot.fk(q))
+    assert robot != robot.with_tool((0, 0, 0)) and robot != source
 
 
 # Fails if the Jacobian is not the derivative of the frames, in a file with a base of its own.

@@ -20,16 +20,22 @@ pub struct BagArgs {
     /// Topics that are taken of a bag: one of joint states, and one of points or contacts. Needed where several could be
     /// meant, and for geometry_msgs/PoseStamped, TransformStamped, PoseArray, nav_msgs/Odometry, tf2_msgs/TFMessage and std_msgs/Int8 to
     /// UInt64 (number of the sphere).
-    #[arg(long, value_name = "A,B", value_delimiter = ',', requires = "data")]
+    #[arg(
+        long,
+        help_heading = "A bag",
+        value_name = "A,B",
+        value_delimiter = ',',
+        requires = "data"
+    )]
     pub topics: Vec<String>,
     /// The transform of a bag that is the target, by its frames, on a topic of tf2_msgs/TFMessage that --topics names.
-    #[arg(long, value_name = "PARENT:CHILD", requires = "topics")]
+    #[arg(long, help_heading = "A bag", value_name = "PARENT:CHILD", requires = "topics")]
     pub tf: Option<String>,
     /// Band in which every joint of a bag stays while the arm rests, in mrad.
-    #[arg(long, value_name = "MRAD", default_value = "0.5", requires = "data", value_parser = band)]
+    #[arg(long, help_heading = "A bag", value_name = "MRAD", default_value = "0.5", requires = "data", value_parser = band)]
     pub rest_mrad: f64,
     /// The efforts of a bag's joint states are measured torques in N m: use them. Some robots publish currents there.
-    #[arg(long, requires = "data")]
+    #[arg(long, help_heading = "A bag", requires = "data")]
     pub effort_nm: bool,
 }
 

@@ -53,80 +53,95 @@ use spherecal_store::time::now_utc;
     Exit codes: 0 done; 1 failed; 2 wrong input; 3 finished, but the result must not be used.")]
 pub struct IdentifyArgs {
     /// Built-in name, FILE.toml, FILE.urdf, FILE.urdf#TIP, or FILE.urdf#BASE:TIP for the chain between these links.
-    #[arg(long, value_name = "NAME|FILE", requires = "data")]
+    #[arg(long, help_heading = "Robot and data", value_name = "NAME|FILE", requires = "data")]
     pub robot: Option<String>,
     /// Table of poses, or a ROS 2 bag.
-    #[arg(long, value_name = "FILE.csv|BAG", requires = "robot")]
+    #[arg(
+        long,
+        help_heading = "Robot and data",
+        value_name = "FILE.csv|BAG",
+        requires = "robot"
+    )]
     pub data: Option<PathBuf>,
     /// Estimator: full, geometry, lm, gauss-newton, nelder-mead or nelder-mead-scaled.
-    #[arg(long, value_name = "M", default_value = "full")]
+    #[arg(long, help_heading = "Identification", value_name = "M", default_value = "full")]
     pub method: Method,
     /// What is modelled: geometry, stiffness or full.
-    #[arg(long, default_value = "full")]
+    #[arg(long, help_heading = "Identification", default_value = "full")]
     pub model: Model,
     /// Certificate of the plate, for contacts with spheres: [[sphere]] tables with id, x_mm, y_mm, z_mm, sigma_mm; or `paper` for Table 1 of the paper.
-    #[arg(long, value_name = "FILE.toml")]
+    #[arg(long, help_heading = "Robot and data", value_name = "FILE.toml")]
     pub plate: Option<PathBuf>,
     /// Nominal TCP in the flange frame, in mm.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        help_heading = "Robot and data",
+        value_name = "X,Y,Z",
+        allow_hyphen_values = true
+    )]
     pub tool_mm: Option<String>,
     /// Mass at the flange, in kg.
-    #[arg(long, value_name = "M")]
+    #[arg(long, help_heading = "Robot and data", value_name = "M")]
     pub payload_kg: Option<f64>,
     /// Its centre of mass in the flange frame, in mm.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        help_heading = "Robot and data",
+        value_name = "X,Y,Z",
+        allow_hyphen_values = true
+    )]
     pub payload_com_mm: Option<String>,
     /// Table of poses, or a ROS 2 bag, that judges the result.
-    #[arg(long, value_name = "FILE.csv|BAG")]
+    #[arg(long, help_heading = "Robot and data", value_name = "FILE.csv|BAG")]
     pub validate: Option<PathBuf>,
     /// Hold each value of this column out in turn: place, coupling (rows on one sphere that follow each other), region
     /// (of the joints), a column of your own, or sphere where the plate has four or more.
-    #[arg(long, value_name = "COLUMN")]
+    #[arg(long, help_heading = "Identification", value_name = "COLUMN")]
     pub holdout: Option<String>,
     /// Mean error of the TCP over the work region that is asked for, in mm: a worse result is refused.
-    #[arg(long, value_name = "MM", requires = "data", value_parser = accuracy)]
+    #[arg(long, help_heading = "Identification", value_name = "MM", requires = "data", value_parser = accuracy)]
     pub accuracy_mm: Option<f64>,
     /// Box in the robot's base frame, in mm, in which the robot is to work: expected error, verdict and files are for it.
     /// Without it, they are for where the rows are.
-    #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1", requires = "data", allow_hyphen_values = true, value_parser = work_box)]
+    #[arg(long, help_heading = "Identification", value_name = "X0:X1,Y0:Y1,Z0:Z1", requires = "data", allow_hyphen_values = true, value_parser = work_box)]
     pub work_mm: Option<WorkBox>,
     /// Columns with the joint angles, base to flange, instead of q1..qn (rad; degrees if the name
     /// ends in _deg). In a bag: names of the joints.
-    #[arg(long, value_name = "A,B,C", value_delimiter = ',')]
+    #[arg(long, help_heading = "The table", value_name = "A,B,C", value_delimiter = ',')]
     pub joint_columns: Vec<String>,
     /// Columns that are left out, whatever their content.
     ///
-    #[arg(long, value_name = "X,Y", value_delimiter = ',')]
+    #[arg(long, help_heading = "The table", value_name = "X,Y", value_delimiter = ',')]
     pub ignore_columns: Vec<String>,
     #[command(flatten)]
     pub table: TableArgs,
     /// Search for what is wrong with the table (signs, order, zeros, couplings, units, tool, another robot), say it, and
     /// identify nothing. A table that does not fit is searched in any case.
-    #[arg(long, requires = "data", conflicts_with = "json")]
+    #[arg(long, help_heading = "The table", requires = "data", conflicts_with = "json")]
     pub explain: bool,
     #[command(flatten)]
     pub bag: BagArgs,
     /// Options as TOML: noise, priors and fixed parameters, harmonics.
-    #[arg(long, value_name = "FILE.toml")]
+    #[arg(long, help_heading = "Identification", value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
     /// Without effect, and accepted for one more release: the data find how large the arm's errors are.
     #[arg(long, requires = "data", hide = true)]
     pub uncalibrated: bool,
     /// Names and numbers for the certificate: a file with the block [certificate], such as the cell's configuration.
-    #[arg(long, value_name = "FILE.toml", requires = "data")]
+    #[arg(long, help_heading = "Results", value_name = "FILE.toml", requires = "data")]
     pub certificate: Option<PathBuf>,
     /// Write the rows to this file for sharing: joints, torques, targets and placements alone, without names, further
     /// columns or the instrument's place. `identify` gives the same robot from it.
-    #[arg(long, value_name = "FILE.csv", requires = "data")]
+    #[arg(long, help_heading = "Results", value_name = "FILE.csv", requires = "data")]
     pub anonymise: Option<PathBuf>,
     /// Seed of what draws at random.
-    #[arg(long, value_name = "N")]
+    #[arg(long, help_heading = "Identification", value_name = "N")]
     pub seed: Option<u64>,
     /// Print one JSON document and nothing else.
-    #[arg(long)]
+    #[arg(long, help_heading = "Results")]
     pub json: bool,
     /// Directory for summary.json, calibrated.toml, calibrated.urdf, kinematics.yaml, offsets.yaml and report.html.
-    #[arg(long, value_name = "DIR", default_value = "spherecal-out")]
+    #[arg(long, help_heading = "Results", value_name = "DIR", default_value = "spherecal-out")]
     pub out: PathBuf,
 }
 

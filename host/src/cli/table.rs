@@ -24,20 +24,33 @@ pub struct TableArgs {
     /// Columns by their meaning: joints=.., joints_deg=.., torques=.., point_mm=X,Y,Z, point_m=.., quaternion=W,X,Y,Z,
     /// quaternion_xyzw=.., euler_zyx_deg=A,B,C (axes in the order in which the body turns), rpy_deg=ROLL,PITCH,YAW,
     /// rotvec=RX,RY,RZ, sphere=.., place=.., set=... Names, or numbers from 1 where the table has no header.
-    #[arg(long, value_name = "MEANING=A,B,C", num_args = 1.., requires = "data")]
+    #[arg(long, help_heading = "The table", value_name = "MEANING=A,B,C", num_args = 1.., requires = "data")]
     pub columns: Vec<String>,
     /// Leave out all columns that are not known.
-    #[arg(long, requires = "data")]
+    #[arg(long, help_heading = "The table", requires = "data")]
     pub ignore_rest: bool,
     /// Joints whose columns count the other way.
-    #[arg(long, value_name = "J,K", value_delimiter = ',', requires = "data")]
+    #[arg(
+        long,
+        help_heading = "The table",
+        value_name = "J,K",
+        value_delimiter = ',',
+        requires = "data"
+    )]
     pub flip: Vec<usize>,
     /// The joint column that each joint is taken from, base to flange.
-    #[arg(long, value_name = "A,B,C", value_delimiter = ',', requires = "data")]
+    #[arg(
+        long,
+        help_heading = "The table",
+        value_name = "A,B,C",
+        value_delimiter = ',',
+        requires = "data"
+    )]
     pub order: Vec<usize>,
     /// Angles to add to joints, in degrees.
     #[arg(
         long,
+        help_heading = "The table",
         value_name = "J=DEG",
         value_delimiter = ',',
         requires = "data",
@@ -45,23 +58,36 @@ pub struct TableArgs {
     )]
     pub zero_deg: Vec<String>,
     /// Joints that stand at sums of the columns, such as 3=q3+q2 where joint 3 counts from the horizon.
-    #[arg(long, value_name = "J=qA+qB", value_delimiter = ',', requires = "data")]
+    #[arg(
+        long,
+        help_heading = "The table",
+        value_name = "J=qA+qB",
+        value_delimiter = ',',
+        requires = "data"
+    )]
     pub couple: Vec<String>,
     /// Units of single joint columns: deg where the others are in rad, or rad where the others are in degrees.
-    #[arg(long, value_name = "J=deg|rad", value_delimiter = ',', requires = "data")]
+    #[arg(
+        long,
+        help_heading = "The table",
+        value_name = "J=deg|rad",
+        value_delimiter = ',',
+        requires = "data"
+    )]
     pub joint_unit: Vec<String>,
     /// Factor of the measured points, such as 25.4 for inches in columns of mm.
-    #[arg(long, value_name = "F", requires = "data")]
+    #[arg(long, help_heading = "The table", value_name = "F", requires = "data")]
     pub point_factor: Option<f64>,
     /// The measured points are in a left-handed frame: their y counts the other way.
-    #[arg(long, requires = "data")]
+    #[arg(long, help_heading = "The table", requires = "data")]
     pub mirror_points: bool,
     /// The measured poses are those of the instrument in the frame of the tool.
-    #[arg(long, requires = "data")]
+    #[arg(long, help_heading = "The table", requires = "data")]
     pub invert_poses: bool,
     /// Rows by which the measurements lag behind their joint angles.
     #[arg(
         long,
+        help_heading = "The table",
         value_name = "N",
         default_value = "0",
         requires = "data",
