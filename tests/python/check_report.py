@@ -50,7 +50,7 @@ with sync_playwright() as playwright:
             result["headings"] = page.eval_on_selector_all("h2", "all => all.map(e => e.innerText)")
             result["figures"] = page.eval_on_selector_all("figure svg", "all => all.length")
             result["empty_figures"] = page.eval_on_selector_all(
-                "figure svg", "all => all.filter(e => e.getBoundingClientRect().height < 40 || e.childElementCount < 3).length"
+                "figure svg", "all => all.filter(e => !e.closest('.folded')).filter(e => e.getBoundingClientRect().height < 40 || e.childElementCount < 3).length"
             )
             result["too_wide"] = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
         context.close()

@@ -48,7 +48,7 @@ pub fn render(input: &ReportInput) -> Result<String, ChartError> {
         "Residuals and outliers",
         residuals(input, &mut figures, &mut folds)?,
     );
-    add("contacts", "Contacts", contacts(input, &mut figures)?);
+    add("contacts", "Contacts", contacts(input, &mut figures, &mut folds)?);
     add("health", "Faults and link", tables(&input.health_tables));
     add(
         "provenance",
@@ -285,7 +285,7 @@ fn residuals(input: &ReportInput, figures: &mut Figures, folds: &mut Folds) -> R
     }))
 }
 
-fn contacts(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>, ChartError> {
+fn contacts(input: &ReportInput, figures: &mut Figures, folds: &mut Folds) -> Result<Option<Markup>, ChartError> {
     if input.contacts.is_empty() && input.triggers.is_empty() {
         return Ok(None);
     }
@@ -319,7 +319,8 @@ fn contacts(input: &ReportInput, figures: &mut Figures) -> Result<Option<Markup>
         }
         if !others.is_empty() {
             let words = html! { "The other contacts, in the order of the run, to the same scale of force." };
-            drawn.push(figures.figure(&format!("<div class=\"small-multiples\">{others}</div>"), &words));
+            let figure = figures.figure(&format!("<div class=\"small-multiples\">{others}</div>"), &words);
+            drawn.push(folds.fold(&format!("The other {} contacts", input.contacts.len() - 1), &figure));
         }
     }
     Ok(Some(html! { @for f in &drawn { (f) } }))
