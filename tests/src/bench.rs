@@ -75,6 +75,9 @@ pub fn state(tick: u64, q: &[f64; 7], dq: &[f64; 7], tau: &[f64; 7]) -> DriveSta
 }
 
 /// Hello, robot and configuration.
+///
+/// # Panics
+/// If the built-in arm has more joints than a controller drives.
 pub fn handshake_commands(procedure: Procedure) -> Vec<Command> {
     let tool = iiwa7_tool();
     vec![

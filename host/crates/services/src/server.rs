@@ -67,7 +67,7 @@ impl Server {
         let (address, ended) = runtime.block_on(async move {
             let listener = bound(wanted).map_err(listen)?;
             let address = listener.local_addr().map_err(listen)?;
-            let ended = serve(listener, guard, offer, stopped).await?;
+            let ended = Box::pin(serve(listener, guard, offer, stopped)).await?;
             Ok::<_, ServiceError>((address, ended))
         })?;
         Ok(Self {
