@@ -3,6 +3,7 @@
 - :class:`Robot`: forward kinematics, Jacobian, inverse kinematics; numpy in and out.
 - :func:`identify`: parameters, covariance, expected error, verdict, calibrated robot, compensation.
 - :func:`plan`: where to touch, in which poses.
+- :func:`simulate`: the whole job with a simulated arm.
 - :func:`read_run`: the database and telemetry of a run as pandas DataFrames.
 
 Units: rad, m, N m, kg, s, unless a name has another unit.
@@ -18,10 +19,11 @@ from .identification import (
     Parameters,
     Residuals,
     Verdict,
+    calibrate,
     identify,
 )
 from .robot import Robot
-from .runs import Plan, plan, read_run
+from .runs import Plan, plan, read_run, simulate
 
 __all__ = [
     "BUILT_IN",
@@ -41,7 +43,9 @@ __all__ = [
     "Unreachable",
     "Verdict",
     "__version__",
+    "calibrate",
     "identify",
     "plan",
     "read_run",
+    "simulate",
 ]

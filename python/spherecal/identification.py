@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -140,10 +141,29 @@ class Residuals:
 class Identification:
     """A calibrated robot with everything that is known about its errors; :func:`identify` makes it."""
 
-    def __init__(self, native: _native.NativeIdentification) -> None:
-        self._native = native
+    def __init__(self, inputs: _Inputs) -> None:
+        self._inputs = inputs
+        self._found: _native.NativeIdentification | None = inputs.identify()
         #: The document that the command ``spherecal identify`` writes as ``summary.json``.
-        self.summary: dict[str, Any] = json.loads(native.summary_json())
+        self.summary: dict[str, Any] = json.loads(self._found.summary_json())
+
+    @property
+    def _native(self) -> _native.NativeIdentification:
+        if self._found is None:
+            self._found = self._inputs.identify()
+        return self._found
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy holds: inputs and summary. It identifies again when it needs more than the summary."""
+        return {**self.__dict__, "_found": None}
+
+    def __eq__(self, other: object) -> bool:
+        """Whether two results say the same; the time that they took does not count."""
+        if not isinstance(other, Identification):
+            return NotImplemented
+        return {**self.summary, "wall_s": None} == {**other.summary, "wall_s": None}
+
+    __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
         return f"<Identification {self.headline}>"
@@ -297,9 +317,61 @@ class Identification:
         """``offsets.yaml`` as the command writes it."""
         return self._native.offsets_yaml()
 
+    def save_urdf(self, file: str | os.PathLike[str]) -> None:
+        """Writes ``calibrated.urdf`` under another name."""
+        Path(file).write_text(self.to_urdf(), encoding="utf-8")
+
+    def to_frame(self) -> Any:
+        """The residuals as a pandas DataFrame, in m, with a row for each row that the fit used."""
+        from .runs import pandas
+
+        found = self.residuals
+        columns = {f"{axis}_m": found.error[:, k] for k, axis in enumerate("xyz")}
+        return pandas().DataFrame(
+            {"row": found.row, **columns, "distance_m": found.distance, "deviation": found.deviation, "weight": found.weight}
+        )
+
+    def plot(self) -> Any:
+        """A matplotlib figure: the expected errors before and after with their intervals, and the residuals."""
+        try:
+            from matplotlib.figure import Figure
+        except ImportError:
+            raise refuse("matplotlib", "missing", "pip install matplotlib") from None
+        figure = Figure(figsize=(9, 3.5), layout="constrained")
+        figure.suptitle(self.headline, fontsize="small", wrap=True)
+        before, after = figure.subplots(1, 2)
+        found = self.summary["verdict"]
+        rows = [("nominal", found["nominal_error_mm"])]
+        rows += [(file["name"], file["expected_error_mm"]) for file in reversed(self.summary["files"])]
+        for name, error in rows:
+            if error is not None:
+                low, high = error["interval"]
+                mean = error["mean"]
+                before.barh(name, mean, xerr=[[mean - min(low, mean)], [max(high, mean) - mean]], capsize=3)
+        before.set_xlabel("expected error over the work region (mm)")
+        before.set_xlim(left=0)
+        residuals = self.residuals
+        after.scatter(residuals.row, residuals.distance * 1e3, s=8, c=residuals.weight, cmap="viridis")
+        after.set_xlabel("row (dark: counts little)")
+        after.set_ylabel("residual (mm)")
+        after.set_ylim(bottom=0)
+        return figure
+
     def write(self, folder: str | os.PathLike[str]) -> list[str]:
         """Writes the files of the command, with ``report.html``, into ``folder``; their paths."""
         return self._native.write(os.fspath(folder))
+
+
+@dataclass(frozen=True)
+class _Inputs:
+    """What an identification is made from."""
+
+    robot: Robot
+    data: dict[str, Any]
+    options: dict[str, Any]
+
+    def identify(self) -> _native.NativeIdentification:
+        return _native.identify(self.robot._native, self.data, **self.options)
 
 
 def _rows(
@@ -464,9 +536,7 @@ def identify(
         raise refuse("accuracy", accuracy, "give a length in m from 1e-6 to 0.1")
     if seed is not None and not 0 <= seed < 2**64:
         raise refuse("seed", seed, "give an integer from 0 to 2**64 - 1")
-    found = _native.identify(
-        arm._native,
-        data,
+    options_of = dict(
         validate=judges,
         plate_file=file,
         plate_text=text,
@@ -480,4 +550,15 @@ def identify(
         model=model,
         seed=seed,
     )
-    return Identification(found)
+    return Identification(_Inputs(arm, data, options_of))
+
+
+def calibrate(robot: Robot | str | os.PathLike[str], q: ArrayLike, points: ArrayLike, **options: Any) -> Identification:
+    """:func:`identify` from measured points in one line; ``options`` are its other arguments.
+
+    >>> robot = Robot("ur5e", tool=(0.02, 0, 0.12))
+    >>> q = np.random.default_rng(1).uniform(-2, 2, (60, 6))
+    >>> calibrate(robot, q, robot.fk(q)[:, :3, 3]).expected_error.mean < 1e-4
+    True
+    """
+    return identify(q, points=points, robot=robot, **options)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _native
-from .errors import SpherecalError, refuse
+from .errors import JobFailed, SpherecalError, refuse
 from .robot import Floats
 
 
@@ -145,3 +146,29 @@ def read_run(
         table.attrs["run"] = number
     return tables
 
+
+
+def simulate(
+    folder: str | os.PathLike[str],
+    *,
+    robot: str | None = None,
+    preset: str | None = None,
+    poses: int | None = None,
+    seed: int | None = None,
+    config: str | os.PathLike[str] | None = None,
+) -> Mapping[str, Any]:
+    """Runs the whole job with a simulated arm, as the command ``spherecal run``; the tables of :func:`read_run`.
+
+    ``folder`` gets the files of the run. ``robot``, ``preset``, ``poses``, ``seed`` and ``config`` (a file) are those of
+    the command. A result that must not be used is returned: ``summary.json`` in ``folder`` says so. Raises
+    :class:`spherecal.JobFailed` if the run does not finish.
+    """
+    pandas()
+    given = {"robot": robot, "preset": preset, "poses": poses, "seed": seed, "config": config, "out": folder}
+    options = [f"--{name}={value}" for name, value in given.items() if value is not None]
+    command = [sys.executable, "-m", "spherecal", "run", *options]
+    ran = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
+    if ran.returncode not in (0, 3):
+        # Progress comes first, the reason last.
+        raise JobFailed(ran.stderr.strip().rsplit("\n\n", 1)[-1])
+    return read_run(folder)

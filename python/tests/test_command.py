@@ -95,3 +95,12 @@ def test_a_run_is_read_into_data_frames(command, tmp_path):
         spherecal.read_run(tmp_path / "cell", telemetry=tmp_path / "none.mcap")
     with pytest.raises(spherecal.InputError, match="none.db"):
         spherecal.read_run(tmp_path / "none.db")
+
+
+# Fails if a simulated job is another than the command's, or a job that cannot run says nothing of the reason.
+def test_a_job_is_simulated(tmp_path):
+    pytest.importorskip("pandas")
+    tables = spherecal.simulate(tmp_path / "cell", poses=12, preset="typical", seed=3)
+    assert len(tables["poses"]) == 12 and (tmp_path / "cell" / "report.html").is_file()
+    with pytest.raises(spherecal.JobFailed, match="neither built in nor a file"):
+        spherecal.simulate(tmp_path / "none", robot="ur5")

@@ -1,5 +1,7 @@
 """`identify`: the numbers of the command, what the result says, refusals."""
 
+import copy
+import pickle
 import subprocess
 import sys
 
@@ -135,6 +137,29 @@ def test_results_show_their_headline():
         assert file["name"] in page and f"{file['expected_error_mm']['mean']:.3f}" in page
     assert "OK to use" in repr(found.verdict) and len(repr(found.verdict)) < 100
     assert repr(found.parameters).startswith(f"<Parameters: {len(found.parameters)}, ")
+
+
+# Fails if a copy says another thing or cannot compute, or if results of other data are
+# equal.
+def test_a_result_is_copied_and_compared():
+    nominal, _, q, points = simulated(80)
+    found = spherecal.calibrate(nominal, q, points)
+    other = pickle.loads(pickle.dumps(found))
+    assert other == found == copy.deepcopy(found)
+    np.testing.assert_array_equal(other.predict(q), found.predict(q))
+    assert found != spherecal.calibrate(nominal, q[:70], points[:70])
+
+
+# Fails if the table is not that of the residuals, the file not the command's text, or the figure shows another mean.
+def test_a_result_as_table_file_and_figure(contacts, tmp_path):
+    frame = contacts.to_frame()
+    np.testing.assert_array_equal(frame["distance_m"], contacts.residuals.distance)
+    contacts.save_urdf(tmp_path / "arm.urdf")
+    assert (tmp_path / "arm.urdf").read_text() == contacts.to_urdf()
+    before, _ = contacts.plot().axes
+    widths = [bar.get_width() for bar in before.patches]
+    files = {file["name"]: file["expected_error_mm"]["mean"] for file in contacts.summary["files"]}
+    assert len(widths) == 1 + len(files) and set(files.values()) <= set(widths)
 
 
 # Fails if a compensation is invented where the arm has no solution nearby.
