@@ -167,7 +167,9 @@ def simulate(
     given = {"robot": robot, "preset": preset, "poses": poses, "seed": seed, "config": config, "out": folder}
     options = [f"--{name}={value}" for name, value in given.items() if value is not None]
     command = [sys.executable, "-m", "spherecal", "run", *options]
-    ran = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
+    # The package is the installed one, not a folder of this name beside.
+    safe = {**os.environ, "PYTHONSAFEPATH": "1"}
+    ran = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False, env=safe)
     if ran.returncode not in (0, 3):
         # Progress comes first, the reason last.
         raise JobFailed(ran.stderr.strip().rsplit("\n\n", 1)[-1])
