@@ -139,15 +139,23 @@ impl Case {
         serde_json::from_str::<Value>(&summary).expect("JSON")["verdict"].take()
     }
 
-    /// Whether the cause is said and the stated error is larger than `sound` (mm).
+    /// Whether the terminal says the first clause of `words`, the reasons say all of them, and the stated error is larger
+    /// than `sound` (mm).
     fn named(&self, sound: f64, words: &[&str]) {
         let output = self.identify(&[]);
         let said = text(&output.stdout) + &text(&output.stderr);
         assert_eq!(output.status.code(), Some(0), "{said}");
+        let clause = words[0].split(':').next().unwrap_or_default().to_lowercase();
+        assert!(
+            said.to_lowercase().contains(&clause),
+            "\"{clause}\" is not said: {said}"
+        );
+        let verdict = self.verdict();
+        let reasons = verdict["reasons"].to_string();
         for word in words {
-            assert!(said.contains(word), "\"{word}\" is not said: {said}");
+            assert!(reasons.contains(word), "\"{word}\" is no reason: {reasons}");
         }
-        assert!(mean(&self.verdict()) > 1.5 * sound, "sound {sound} mm: {said}");
+        assert!(mean(&verdict) > 1.5 * sound, "sound {sound} mm: {said}");
     }
 
     fn refused(&self, output: &Output, code: i32, words: &[&str]) {
