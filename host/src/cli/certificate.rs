@@ -79,14 +79,17 @@ pub(super) fn run(args: &CertificateArgs) -> Result<Exit, CliError> {
         }
     }
     let today: String = now_utc().chars().take("2026-11-28".len()).collect();
-    let file = if args.draft {
-        "certificate-draft.html"
+    let (file, next) = if args.draft {
+        (
+            "certificate-draft.html",
+            "A draft is to read, not to sign: state what it lacks, and leave --draft out.",
+        )
     } else {
-        "certificate.html"
+        ("certificate.html", "Print it from a browser, and sign it.")
     };
     let out = args.result.join(file);
     write_file(&out, certificate.document(&today, args.draft))
         .map_err(|e| CliError::job(format!("{}: {e}", out.display())))?;
-    outln!("{}\n\nNext: Print it from a browser, and sign it.", out.display());
+    outln!("{}\n\nNext: {next}", out.display());
     Ok(Exit::Done)
 }
