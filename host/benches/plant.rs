@@ -23,7 +23,7 @@ use spherecal::sim::plant::{Plant, PlantConfig};
 use spherecal::sim::simulated_arm;
 use spherecal_firmware::Controller;
 use spherecal_firmware::law::{
-    CartesianSetpoint, Impedance, JointSetpoint, NullSpace, Observer, Snapshot, Stiffness, TorqueShaper, joint_torque,
+    CartesianSetpoint, Impedance, JointSetpoint, NullSpace, Observer, Snapshot, Stiffness, TorqueShaper, joint_spring,
 };
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
@@ -254,7 +254,7 @@ const CASES: &[Case] = &[
         make: || {
             let (snapshot, hold) = (snapshot(), JointSetpoint { q: Q, dq: DQ });
             Box::new(move || {
-                black_box(joint_torque(black_box(&snapshot), black_box(&hold), 20.0, 1.0));
+                black_box(joint_spring(black_box(&snapshot), black_box(&hold), 20.0, 1.0));
             })
         },
     },

@@ -92,8 +92,8 @@ impl<const N: usize> Disturbance<N> {
         self.torque.is_none()
     }
 
-    /// Starts from the torque (N m) that the sensors of an arm with closed brakes show beyond gravity; from zero if that is
-    /// no disturbance: some drives show no torque then. Errors of the sensors are left out.
+    /// Starts from the torque (N m) that the sensors of an arm with closed brakes show beyond gravity; from zero if that
+    /// is no disturbance: some drives show no torque then. Errors of the sensors are left out.
     pub(crate) fn start(&mut self, torque: &SVector<f64, N>, limits: &[JointLimits; N]) {
         let sound = (0..N).all(|i| torque[i].abs() <= most(&limits[i]));
         let torque = if sound {
@@ -120,8 +120,9 @@ impl<const N: usize> Disturbance<N> {
         self.torque.unwrap_or(self.rest)
     }
 
-    /// Takes one tick of `period_s` (s) in free space: the joint spring, the speeds of its setpoint (rad/s), and the joints'
-    /// limits. `stands` says that the arm is not in a motion: then it does nothing until the nest is known to be [free](Self::free).
+    /// Takes one tick of `period_s` (s) in free space: the joint spring, the speeds of its setpoint (rad/s), and the
+    /// joints' limits. `stands` says that the arm is not in a motion: then it does nothing until the nest is known to be
+    /// [free](Self::free).
     #[inline]
     pub(crate) fn push(
         &mut self,

@@ -18,7 +18,18 @@ pub struct JointSetpoint<const N: usize> {
     pub dq: [f64; N],
 }
 
-/// Torque of the joint spring-damper without gravity and Coriolis torque, in N m.
+/// The joint spring at one tick.
+#[derive(Clone, Copy, Debug)]
+pub struct JointSpring<const N: usize> {
+    /// Torque of spring and damper without gravity and Coriolis torque, in N m.
+    pub torque: SVector<f64, N>,
+    /// Errors of the joints, in rad.
+    pub error: SVector<f64, N>,
+    /// Stiffness against the error of each joint alone, in N m/rad.
+    pub stiffness: [f64; N],
+}
+
+/// The joint spring-damper.
 ///
 /// The stiffness is the mass matrix times `natural_rad_s` squared. Every motion of
 /// the arm then has that natural frequency and Lehr's damping `ratio`. A spring for
@@ -30,28 +41,7 @@ pub struct JointSetpoint<const N: usize> {
 /// smaller ([`Actuation::joint_rad_s`](super::Actuation::joint_rad_s)); the first spring
 /// then damps the joint as well.
 #[inline]
-pub fn joint_torque<const N: usize>(
-    snapshot: &Snapshot<N>,
-    setpoint: &JointSetpoint<N>,
-    natural_rad_s: f64,
-    ratio: f64,
-) -> SVector<f64, N> {
-    joint_spring(snapshot, setpoint, natural_rad_s, ratio).torque
-}
-
-/// The joint spring at one tick.
-pub(crate) struct JointSpring<const N: usize> {
-    /// Its torque, in N m.
-    pub(crate) torque: SVector<f64, N>,
-    /// Errors of the joints, in rad.
-    pub(crate) error: SVector<f64, N>,
-    /// Stiffness against the error of each joint alone, in N m/rad.
-    pub(crate) stiffness: [f64; N],
-}
-
-/// As [`joint_torque`], with what it is made of.
-#[inline]
-pub(crate) fn joint_spring<const N: usize>(
+pub fn joint_spring<const N: usize>(
     snapshot: &Snapshot<N>,
     setpoint: &JointSetpoint<N>,
     natural_rad_s: f64,
@@ -109,11 +99,11 @@ mod tests {
                 let mut off = JointSetpoint { q: *q, dq: [0.0; N] };
                 off.q[i] += 1.0;
                 this.stiffness
-                    .set_column(i, &joint_torque(&snapshot, &off, natural_rad_s, 1.0));
+                    .set_column(i, &joint_spring(&snapshot, &off, natural_rad_s, 1.0).torque);
                 let mut moving = JointSetpoint { q: *q, dq: [0.0; N] };
                 moving.dq[i] = 1.0;
                 this.damping
-                    .set_column(i, &joint_torque(&snapshot, &moving, natural_rad_s, 1.0));
+                    .set_column(i, &joint_spring(&snapshot, &moving, natural_rad_s, 1.0).torque);
                 let alone = SVector::<f64, N>::from_fn(|k, _| if k == i { 1.0 } else { 0.0 });
                 this.mobility.set_column(i, &snapshot.mass.solve(&alone));
             }

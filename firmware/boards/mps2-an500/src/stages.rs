@@ -8,7 +8,7 @@ use core::hint::black_box;
 use heapless::String;
 use nalgebra::{Matrix3, Vector3};
 use spherecal_firmware::law::{
-    CartesianSetpoint, Impedance, JointSetpoint, NullSpace, Observer, Snapshot, Stiffness, TorqueShaper, joint_torque,
+    CartesianSetpoint, Impedance, JointSetpoint, NullSpace, Observer, Snapshot, Stiffness, TorqueShaper, joint_spring,
 };
 use spherecal_shared::robot::{Arm, Dynamics, JointLimits, iiwa7, iiwa7_tool};
 
@@ -114,7 +114,7 @@ pub fn run() -> ! {
             elbow.torque(snapshot, black_box(&limits), 50.0, 0.7)
         });
         let hold = black_box(JointSetpoint { q: dq, dq: q });
-        measure(&mut costs[10].1, overhead, || joint_torque(snapshot, &hold, 20.0, 1.0));
+        measure(&mut costs[10].1, overhead, || joint_spring(snapshot, &hold, 20.0, 1.0));
         measure(&mut costs[11].1, overhead, || {
             shaper.shape(&torque, &dq, &[100.0; N], 1.0)
         });

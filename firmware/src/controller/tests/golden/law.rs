@@ -9,7 +9,7 @@ use spherecal_shared::robot::{Arm, JointLimits, built_in, iiwa7_tool};
 use super::row;
 use crate::law::{
     Actuation, CartesianSetpoint, Giving, Impedance, JointSetpoint, NullSpace, Observer, Snapshot, Stiffness,
-    TorqueLoop, TorqueShaper, guide_torque, joint_torque, poles,
+    TorqueLoop, TorqueShaper, guide_torque, joint_spring, poles,
 };
 use crate::motion::rotation_about;
 use crate::safety::Instability;
@@ -167,7 +167,7 @@ fn one<const N: usize>(
         dq: draw.array(0.5),
     };
     let hold = near(draw, 0.1);
-    let torque = joint_torque(snapshot, &hold, 20.0, 0.9);
+    let torque = joint_spring(snapshot, &hold, 20.0, 0.9).torque;
     digest.numbers(&torque);
     let mut hold = near(draw, 0.03);
     digest.numbers(&guide_torque(snapshot, &mut hold, limits, 0.01));
