@@ -135,7 +135,7 @@ pub struct Certificate {
     pub position_errors: Vec<PositionError>,
     /// Repeatability of coupling a sphere.
     pub repeatability: Option<Repeatability>,
-    /// Conformity with the accuracy that was asked for; none where none was.
+    /// Conformity with the accuracy that was asked for; `None` if no accuracy was asked for.
     pub conformity: Option<Conformity>,
     /// Verdict.
     pub may_be_used: bool,

@@ -10,7 +10,7 @@ pub struct FileError {
     pub name: String,
     /// What it holds, and for whom.
     pub holds: String,
-    /// Expected error over the work region; none where there is no such file.
+    /// Expected error over the work region; `None` if the file was not written.
     pub expected_mm: Option<ExpectedError>,
 }
 

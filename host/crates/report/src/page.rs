@@ -1,7 +1,7 @@
 //! The page, with its sections in the order of a reader's questions. The templates escape all text
 //! from the user.
 
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, PreEscaped, html};
 use spherecal_campaign::telemetry::ContactTrace;
 
 use super::charts::{self, ChartError};
@@ -9,7 +9,7 @@ use super::correlation_map;
 use super::headline::brief;
 use super::input::{ErrorSeries, ParameterRow, ReportInput};
 use super::parts::{
-    Folds, error_table, file_table, margin_text, outlier_table, parameter_table, provenance, simple_table, tables,
+    Folds, document, error_table, file_table, outlier_table, parameter_table, provenance, simple_table, tables,
 };
 use super::space;
 use super::time_charts;
@@ -55,30 +55,20 @@ pub fn render(input: &ReportInput) -> Result<String, ChartError> {
         "Provenance",
         provenance(&input.provenance, &input.configuration, &mut folds),
     );
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="generator" content=(concat!("spherecal ", env!("CARGO_PKG_VERSION")));
-                title { (input.title) " – calibration report" }
-                style { (PreEscaped(include_str!("style.css"))) (PreEscaped(margin_text(&input.title))) }
-            }
-            body {
-                main {
-                    header { h1 { (input.title) } p { (input.subtitle) } }
-                    (answer)
-                    nav { @for (id, title, _) in &sections { a href=(format!("#{id}")) { (title) } } }
-                    @for (id, title, body) in &sections {
-                        section id=(id) { h2 { (title) } (body) }
-                    }
-                    footer { "Written by spherecal " (env!("CARGO_PKG_VERSION")) ". This file is complete and makes no network request." }
-                }
-            }
+    let main = html! {
+        header { h1 { (input.title) } p { (input.subtitle) } }
+        (answer)
+        nav { @for (id, title, _) in &sections { a href=(format!("#{id}")) { (title) } } }
+        @for (id, title, body) in &sections {
+            section id=(id) { h2 { (title) } (body) }
         }
+        footer { "Written by spherecal " (env!("CARGO_PKG_VERSION")) ". This file is complete and makes no network request." }
     };
-    Ok(page.into_string())
+    Ok(document(
+        &format!("{} – calibration report", input.title),
+        &input.title,
+        &main,
+    ))
 }
 
 /// Numbers the figures.

@@ -1,10 +1,28 @@
 //! Small parts of the page: tables, folds, lists of facts.
 
-use maud::{Markup, html};
+use maud::{DOCTYPE, Markup, PreEscaped, html};
 use spherecal_identify::evaluate::model_title;
 
 use super::charts;
 use super::input::{ErrorTable, FileError, ParameterRow, SimpleTable};
+
+/// A whole page that needs nothing else: `foot` stands in the margin of each sheet of paper.
+pub(crate) fn document(title: &str, foot: &str, main: &Markup) -> String {
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="generator" content=(concat!("spherecal ", env!("CARGO_PKG_VERSION")));
+                title { (title) }
+                style { (PreEscaped(include_str!("style.css"))) (PreEscaped(margin_text(foot))) }
+            }
+            body { main { (main) } }
+        }
+    };
+    page.into_string()
+}
 
 /// Numbers the folded parts: each has a name of its own on the page.
 #[derive(Default)]

@@ -1,11 +1,10 @@
 //! The document: one page of facts and figures, or two, for paper.
 
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, html};
 use spherecal_identify::ExpectedError;
 
 use super::{Certificate, millimetres};
 use crate::headline::{brief, first_upper};
-use crate::parts::margin_text;
 
 /// Remarks that the certificate lists, each by its first clause; the report has all in full.
 const REASONS: usize = 4;
@@ -51,20 +50,8 @@ impl Certificate {
             "{}No. {number}",
             if draft { "DRAFT, not a certificate \u{b7} " } else { "" }
         );
-        let page = html! {
-            (DOCTYPE)
-            html lang="en" {
-                head {
-                    meta charset="utf-8";
-                    meta name="viewport" content="width=device-width, initial-scale=1";
-                    meta name="generator" content=(concat!("spherecal ", env!("CARGO_PKG_VERSION")));
-                    title { "Calibration certificate " (number) }
-                    style { (PreEscaped(include_str!("../style.css"))) (PreEscaped(margin_text(&foot))) }
-                }
-                body { main { (self.page(issued, draft)) } }
-            }
-        };
-        page.into_string()
+        let title = format!("Calibration certificate {number}");
+        crate::parts::document(&title, &foot, &self.page(issued, draft))
     }
 
     fn page(&self, issued: &str, draft: bool) -> Markup {
