@@ -93,6 +93,8 @@ impl Fit {
     /// Takes the covariance of the unknowns, with base shifts at the pivots.
     pub(crate) fn replace_covariance(&mut self, mut covariance: DMatrix<f64>) {
         about_base(&mut covariance, &self.unknowns, &self.layout, &self.state);
+        let open = std::mem::take(&mut self.open);
+        self.open = open.about(&self.unknowns.deviation, &covariance);
         self.covariance = covariance;
     }
 }

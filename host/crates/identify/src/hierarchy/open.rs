@@ -13,32 +13,40 @@ use rand_distr::{Distribution as _, StandardNormal};
 /// The sizes' own errors.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct OpenSizes {
-    groups: Vec<Members>,
+    groups: Vec<Group>,
     /// Change of the estimate with the logarithm of each size, one group a column.
     shifts: DMatrix<f64>,
     /// Root of the covariance of the logarithms.
     root: DMatrix<f64>,
 }
 
-/// Members of one group: position among the free unknowns, and prior precision.
-pub(super) type Members = Vec<(usize, f64)>;
+/// A group that has one size.
+#[derive(Clone, Debug)]
+pub(super) struct Group {
+    /// Members: position among the free unknowns, and prior precision.
+    pub(super) members: Vec<(usize, f64)>,
+    /// Standard deviation of the logarithm of the size before the data.
+    pub(super) spread: f64,
+}
 
 impl OpenSizes {
-    /// Of groups, each with the standard deviation of its size's logarithm before the data; `deviation` is the estimate
-    /// minus the nominal value of every unknown.
-    pub(super) fn new(groups: Vec<(Members, f64)>, deviation: &[f64], covariance: &DMatrix<f64>) -> Self {
+    /// `deviation` is the estimate minus the nominal value of every unknown.
+    pub(super) fn new(groups: Vec<Group>, deviation: &[f64], covariance: &DMatrix<f64>) -> Self {
         let count = groups.len();
         let mut shifts = DMatrix::zeros(deviation.len(), count);
         let mut information = DMatrix::zeros(count, count);
-        for (f, (group, spread)) in groups.iter().enumerate() {
-            information[(f, f)] = spread.powi(-2);
-            for &(at, precision) in group {
+        for (f, group) in groups.iter().enumerate() {
+            information[(f, f)] = group.spread.powi(-2);
+            for &(at, precision) in &group.members {
                 let push = 2.0 * precision * deviation[at];
                 shifts.column_mut(f).axpy(push, &covariance.column(at), 1.0);
                 information[(f, f)] += 2.0 - 4.0 * precision * covariance[(at, at)];
             }
-            for (g, (other, _)) in groups.iter().enumerate() {
-                let pairs = group.iter().flat_map(|a| other.iter().map(move |b| (a, b)));
+            for (g, other) in groups.iter().enumerate() {
+                let pairs = group
+                    .members
+                    .iter()
+                    .flat_map(|a| other.members.iter().map(move |b| (a, b)));
                 let square = |(&(i, p), &(k, o)): (&(usize, f64), &(usize, f64))| p * o * covariance[(i, k)].powi(2);
                 information[(f, g)] += 2.0 * pairs.map(square).sum::<f64>();
             }
@@ -47,17 +55,25 @@ impl OpenSizes {
         let root = known.and_then(nalgebra::Matrix::cholesky);
         Self {
             root: root.map_or_else(|| DMatrix::zeros(count, count), |c| c.l()),
-            groups: groups.into_iter().map(|(group, _)| group).collect(),
+            groups,
             shifts,
         }
+    }
+
+    /// The same about another posterior with the same sizes.
+    pub(super) fn about(self, deviation: &[f64], covariance: &DMatrix<f64>) -> Self {
+        Self::new(self.groups, deviation, covariance)
     }
 
     /// What open sizes do to displacements: `columns` are those of the unknowns (3n x m), `spread` is `columns * P`
     /// without the motion that does not count.
     pub(crate) fn effect(&self, columns: &DMatrix<f64>, spread: &DMatrix<f64>) -> Effect {
         let total = columns.dot(spread).max(1e-300);
-        let of = |group: &Members| {
-            let own = group.iter().map(|&(at, p)| p * spread.column(at).norm_squared());
+        let of = |group: &Group| {
+            let own = group
+                .members
+                .iter()
+                .map(|&(at, p)| p * spread.column(at).norm_squared());
             (own.sum::<f64>() / total).clamp(0.0, 1.0)
         };
         Effect {
@@ -98,13 +114,17 @@ impl Effect {
 mod tests {
     use nalgebra::{DMatrix, DVector};
 
-    use super::OpenSizes;
+    use super::{Group, OpenSizes};
 
     // Fails if the estimate moves with the size of its group in another way than its own equations say, or if the error
     // of an unknown that only its prior holds does not follow the size, or not the noise where the data hold it.
     #[test]
     fn an_estimate_moves_with_the_size_of_its_group() {
         let one = |x: f64| DMatrix::from_element(1, 1, x);
+        let group = || Group {
+            members: vec![(0, 4.0)],
+            spread: 2.0,
+        };
         let pull = DVector::from_vec(vec![2.0, 1.0]);
         let at = |l: f64| {
             let lambda = 4.0 * (-2.0 * l).exp();
@@ -113,7 +133,7 @@ mod tests {
             (&p * &pull, p)
         };
         let (x, p) = at(0.0);
-        let open = OpenSizes::new(vec![(vec![(0, 4.0)], 2.0)], x.as_slice(), &p);
+        let open = OpenSizes::new(vec![group()], x.as_slice(), &p);
         let slope: DVector<f64> = (at(1e-5).0 - at(-1e-5).0) / 2e-5;
         assert!((open.shifts.column(0) - slope).norm() < 1e-8, "{:?}", open.shifts);
         let columns = DMatrix::identity(2, 2);
@@ -121,7 +141,7 @@ mod tests {
         let slope = (at(1e-5).1.trace() / at(-1e-5).1.trace()).ln() / 4e-5;
         let factor = |l: f64| effect.factor(&DVector::from_element(1, l), 1.0).ln();
         assert!(((factor(1e-5) - factor(-1e-5)) / 2e-5 - slope).abs() < 1e-6, "{slope}");
-        let alone = OpenSizes::new(vec![(vec![(0, 4.0)], 2.0)], &[0.0], &one(0.25));
+        let alone = OpenSizes::new(vec![group()], &[0.0], &one(0.25));
         let held = alone.effect(&one(1.0), &one(0.25));
         assert!((held.factor(&DVector::from_element(1, 0.3), 5.0) - 0.3_f64.exp()).abs() < 1e-12);
         assert!((alone.root[(0, 0)] - 2.0).abs() < 1e-9, "{}", alone.root);

@@ -11,7 +11,7 @@
 use nalgebra::DMatrix;
 
 use super::constants::{ECCENTRIC_ORDERS, FACTORS, HARMONICS, SEAT_M, SEATS_NU};
-use super::open::Members;
+use super::open::Group;
 use crate::parameters::{Kind, Parameter};
 use crate::solve::Unknowns;
 
@@ -144,10 +144,13 @@ impl Sizes {
         group.map(|group| group.now = size).is_some()
     }
 
-    /// Members of every group, and the standard deviation of the logarithm of its size.
-    pub(super) fn groups(&self, unknowns: &Unknowns) -> Vec<(Members, f64)> {
+    /// Every group.
+    pub(super) fn groups(&self, unknowns: &Unknowns) -> Vec<Group> {
         let member = |&(at, _): &(usize, f64)| (at, unknowns.precision[at]);
-        let of = |size: &Size| (size.members.iter().map(member).collect(), size.spread);
+        let of = |size: &Size| Group {
+            members: size.members.iter().map(member).collect(),
+            spread: size.spread,
+        };
         self.0.iter().map(of).collect()
     }
 
