@@ -43,7 +43,7 @@ pub fn known_laws_options(plant: &PlantConfig, joints: usize) -> Options {
         method: Method::Full,
         model: Model::Full,
         harmonics: orders.max(1),
-        student_t: if nest.bad_coupling_share > 0.0 { ROBUST } else { 0.0 },
+        student_t: if nest.kind.bad_seats().is_some() { ROBUST } else { 0.0 },
         noise: Noise {
             joint_rad: unmodelled.iter().map(|v| v * v).sum::<f64>().sqrt(),
             seating_m: on(nest.seating_error, nest.seating_sigma_m.hypot(nest.form_sigma_m)).max(1e-7),

@@ -3,8 +3,9 @@
 use crate::support::{spherecal, text};
 
 /// Name, seed and `[plant]` of each case.
-const CASES: [(&str, &str, &str); 13] = [
+const CASES: [(&str, &str, &str); 14] = [
     ("as measured", "1", "[plant]\npreset = \"as_measured\"\n"),
+    ("a printed socket", "1", "[plant]\npreset = \"as_measured_socket\"\n"),
     ("harsh", "1", "[plant]\npreset = \"harsh\"\n"),
     (
         "elastic, 16,000 N m/rad",

@@ -199,10 +199,10 @@ fn long_by_default_moves_of_every_size_are_named() {
 fn study_of_nests_that_seat_badly() {
     for confirm in [false, true] {
         for (size_m, runs) in [(0.0, 60), (0.3e-3, 20), (1e-3, 20), (3e-3, 20), (10e-3, 20)] {
-            let stopped = noticed("as_measured", size_m, checked(confirm), runs, false);
-            let named = noticed("as_measured", size_m, checked(confirm), runs, true);
+            let stopped = noticed("as_measured_socket", size_m, checked(confirm), runs, false);
+            let named = noticed("as_measured_socket", size_m, checked(confirm), runs, true);
             println!(
-                "as_measured, confirmed {confirm}: {} mm: stopped {stopped}, named {named} of {runs}",
+                "as_measured_socket, confirmed {confirm}: {} mm: stopped {stopped}, named {named} of {runs}",
                 size_m * 1e3
             );
         }

@@ -1,4 +1,4 @@
-//! Whether world W5 is as hard as a real arm: residuals of the full model, compared with those of the stored iiwa 14.
+//! Whether world W5s is as hard as a real arm: residuals of the full model, compared with those of the stored iiwa 14.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -60,13 +60,13 @@ trait Axes<'a>: Iterator<Item = &'a Vector3<f64>> + Sized {
 
 impl<'a, I: Iterator<Item = &'a Vector3<f64>>> Axes<'a> for I {}
 
-/// Shapes of robots of W5 with as many rows as the real data, of a first seed.
+/// Shapes of robots of W5s with as many rows as the real data, of a first seed.
 fn drawn(first: u64, robots: u64) -> Vec<Shape> {
     let plan = design(&Cell::iiwa7(), &DesignRequest::new(ROWS)).expect("the built-in cell is plannable");
     let poses = planned_poses(&plan);
     (first..first + robots)
         .into_par_iter()
-        .map(|seed| Shape::of(&record_poses(World::W5, seed, &poses).expect("a world").spheres))
+        .map(|seed| Shape::of(&record_poses(World::W5s, seed, &poses).expect("a world").spheres))
         .collect()
 }
 
@@ -77,13 +77,13 @@ fn spread(drawn: &[Shape], of: fn(&Shape) -> f64) -> [f64; 3] {
     [0.1, 0.5, 0.9].map(|share| values[(share * (values.len() - 1) as f64).round() as usize])
 }
 
-// Fails if the residuals that the full model leaves on W5 are not like those that it leaves on the real iiwa 14: root
+// Fails if the residuals that the full model leaves on W5s are not like those that it leaves on the real iiwa 14: root
 // mean square and correlation of neighbours within 20 % in the median of the robots. Outliers and fourth moment of the
 // median robot are smaller than the real ones (docs/design/identification.md): there the real one must lie among
-// the middle four fifths of W5's robots. W0 fails in all four.
+// the middle four fifths of W5s' robots. W0 fails in all four.
 #[test]
 #[ignore = "long: scripts/test --long runs it"]
-fn long_w5_leaves_the_residuals_of_a_real_arm() {
+fn long_w5s_leaves_the_residuals_of_a_real_arm() {
     let real = Shape::of(&super::mukca::experiment());
     let drawn = drawn(9000, 24);
     for (name, near, of) in [
@@ -93,7 +93,7 @@ fn long_w5_leaves_the_residuals_of_a_real_arm() {
         ("kurtosis", false, |s| s.kurtosis),
     ] {
         let (own, [low, median, high]) = (of(&real), spread(&drawn, of));
-        println!("{name}: real iiwa 14 {own:.3}, W5 {median:.3} ({low:.3} to {high:.3})");
+        println!("{name}: real iiwa 14 {own:.3}, W5s {median:.3} ({low:.3} to {high:.3})");
         if near {
             assert!((median / own - 1.0).abs() < 0.2, "{name}: {median} of {own}");
         } else {

@@ -333,7 +333,7 @@ fn study_of_arms_as_measured() {
 #[ignore = "long: scripts/test --long runs it"]
 fn long_bad_seats_refuse_nothing_and_a_slip_is_in_the_statement() {
     let poses = default_plan();
-    let of = |broken| outcome(&record(World::W5, broken, 2020, &poses), true);
+    let of = |broken| outcome(&record(World::W5s, broken, 2020, &poses), true);
     let sound = of(Broken::Nothing);
     assert!(sound.verdict.may_be_used, "{:?}", sound.verdict.reasons);
     let slipped = of(Broken::Slip(2e-3));
@@ -368,8 +368,9 @@ fn study_of_verdicts_as_measured() {
         Broken::Certificate(1e-3),
     ];
     let asked = std::env::var("VERDICT_BROKEN").unwrap_or_default();
-    for broken in all.into_iter().filter(|b| format!("{b:?}").contains(&asked)) {
-        let found = outcomes(World::W5, broken, seeds(2000, 12), &poses, true);
+    let cases = all.into_iter().filter(|b| format!("{b:?}").contains(&asked));
+    for (broken, world) in cases.flat_map(|b| [World::W5, World::W5s].map(|w| (b, w))) {
+        let found = outcomes(world, broken, seeds(2000, 12), &poses, true);
         for outcome in &found {
             let verdict = &outcome.verdict;
             println!(
@@ -381,8 +382,8 @@ fn study_of_verdicts_as_measured() {
             }
         }
         let refused = found.iter().filter(|o| !o.verdict.may_be_used).count();
-        println!("{broken:?}: {refused} of {} refused", found.len());
-        let inside = coverage(&format!("W5, {broken:?}"), &found);
+        println!("{world}, {broken:?}: {refused} of {} refused", found.len());
+        let inside = coverage(&format!("{world}, {broken:?}"), &found);
         assert!(inside >= 0.85, "{broken:?}: {inside} of the intervals hold the truth");
         let share = refused as f64 / found.len() as f64;
         // Else what is named is in the fit and in the statement.

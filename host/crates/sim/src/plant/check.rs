@@ -264,9 +264,6 @@ impl PlantConfig {
             ("nest.rim_height_m", n.rim_height_m, -0.02, 0.02),
             ("nest.body_radius_m", n.body_radius_m, 0.01, 0.2),
             ("nest.seating_sigma_m", n.seating_sigma_m, 0.0, 1e-3),
-            ("nest.bad_coupling_share", n.bad_coupling_share, 0.0, 1.0),
-            ("nest.bad_seat_m", n.bad_seat_m, 0.0, 1e-3),
-            ("nest.reseat_per_rad", n.reseat_per_rad, 0.0, 1e3),
             ("nest.form_sigma_m", n.form_sigma_m, 0.0, 1e-3),
         ] {
             require(

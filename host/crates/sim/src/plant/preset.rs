@@ -7,13 +7,24 @@ use spherecal_model::NominalCell;
 
 use super::config::{
     ComplianceConfig, DisturbanceConfig, DriveConfig, ElasticityConfig, EncoderConfig, EncoderSide, FrictionConfig,
-    GeometryConfig, InertiaConfig, LostMotionConfig, NestConfig, PlantConfig, PlateConfig, ReadingConfig, SensorConfig,
-    ThermalConfig, ToolConfig, TrackerConfig,
+    GeometryConfig, InertiaConfig, LostMotionConfig, NestConfig, NestKind, PlantConfig, PlateConfig, ReadingConfig,
+    SensorConfig, ThermalConfig, ToolConfig, TrackerConfig,
 };
 use super::error::PlantError;
 
 /// Names of the presets.
-pub const PRESETS: &[&str] = &["ideal", "typical", "harsh", "as_measured", "w0", "w1", "w2", "w3", "w4"];
+pub const PRESETS: &[&str] = &[
+    "ideal",
+    "typical",
+    "harsh",
+    "as_measured",
+    "as_measured_socket",
+    "w0",
+    "w1",
+    "w2",
+    "w3",
+    "w4",
+];
 
 impl Default for PlateConfig {
     fn default() -> Self {
@@ -40,10 +51,8 @@ impl Default for NestConfig {
             rim_height_m: 2.5e-3,
             body_radius_m: 0.042,
             seating_error: true,
+            kind: NestKind::Steel,
             seating_sigma_m: 1.5e-6,
-            bad_coupling_share: 0.0,
-            bad_seat_m: 0.0,
-            reseat_per_rad: 0.0,
             form_sigma_m: 1.5e-6,
         }
     }
@@ -277,6 +286,7 @@ impl PlantConfig {
             "typical" => Ok(Self::typical()),
             "harsh" => Ok(Self::harsh()),
             "as_measured" => Ok(Self::as_measured()),
+            "as_measured_socket" => Ok(Self::as_measured_socket()),
             "w0" => Ok(Self::world(0)),
             "w1" => Ok(Self::world(1)),
             "w2" => Ok(Self::world(2)),

@@ -1,9 +1,9 @@
 //! The presets of the worlds W0 to W5: whole sets of errors, for studies of estimators and for hard runs.
 
-use super::config::{GeometryConfig, PlantConfig};
+use super::config::{GeometryConfig, NestKind, PlantConfig};
 
 impl PlantConfig {
-    /// World W5, as measured: an arm that is as hard to calibrate as real ones.
+    /// World W5, as measured: an arm that is as hard to calibrate as real ones, with a nest of steel.
     ///
     /// Every size comes from published figures or from the only real data that the project may store,
     /// `mukca_iiwa14.csv` (a real iiwa 14: 180 contacts, MIT). None comes from what an estimator does well on.
@@ -21,7 +21,7 @@ impl PlantConfig {
     /// | cross-joint errors | 1e-4 rad rms over 1 rad | twice those of world W4; assumed |
     /// | link bending, base tilt | 5e-6 (± 1.5e-6) rad/(N m) | the real iiwa 14: 0.5e-5 to 1e-5 where the data determine them |
     /// | warm-up of links; of the plate | 0.1 to 0.3 mm in the first hour, each | Vocetka et al. 2021 (Appl. Sci. 11, 10813): repeatability of 0.025 mm ten times worse without warm-up |
-    /// | seats | 40 % of couplings with Cauchy seats of 50 µm, a new one 0.3 times per rad | distribution of the residuals of the real iiwa 14 |
+    /// | seats | 3 µm | the largest that kinematic couplings of steel repeat to; a printed socket: [`Self::as_measured_socket`] |
     /// | scatter at rest | 2e-5 rad | KUKA: ISO 9283 repeatability of ±0.1 and ±0.15 mm (iiwa 7, 14), an upper bound |
     /// | early readings | 5 ms before rest in 10 % of the rows | issue of the residuals of a real IRB 120 along the last move |
     /// | masses | 3 %, tool up to 3 % | Stürz et al. 2017, Gaz et al. 2019: identified dynamics differ so much from CAD models |
@@ -58,10 +58,7 @@ impl PlantConfig {
         config.thermal.links_m = [1e-4, 3e-4];
         config.thermal.plate_m = [1e-4, 3e-4];
         config.reading.early_share = 0.1;
-        config.nest.seating_sigma_m = 5e-6;
-        config.nest.bad_coupling_share = 0.4;
-        config.nest.bad_seat_m = 50e-6;
-        config.nest.reseat_per_rad = 0.3;
+        config.nest.seating_sigma_m = 3e-6;
         config.inertia.link_mass_sigma = 0.03;
         config.inertia.tool_mass_error = [0.0, 0.03];
         config.inertia.rotors = true;
@@ -69,6 +66,13 @@ impl PlantConfig {
         config.elasticity.stiffness_nm_rad = 0.0;
         config.tracker.restation_m = 0.0;
         config.tracker.after_s = 1800.0;
+        config
+    }
+
+    /// World W5s: [`Self::as_measured`] with a printed socket as its nest.
+    pub fn as_measured_socket() -> Self {
+        let mut config = Self::as_measured();
+        config.nest.kind = NestKind::Socket;
         config
     }
 

@@ -24,11 +24,23 @@ pub enum World {
     /// As measured: sizes from real arms and published figures
     /// ([`PlantConfig::as_measured`]).
     W5,
+    /// W5 with a printed socket in place of a nest of steel.
+    #[serde(rename = "W5s")]
+    W5s,
 }
 
 impl World {
     /// All of them, in the order of tables.
-    pub const ALL: [Self; 7] = [Self::W0, Self::W1, Self::W2, Self::W3, Self::W4, Self::W4Bad, Self::W5];
+    pub const ALL: [Self; 8] = [
+        Self::W0,
+        Self::W1,
+        Self::W2,
+        Self::W3,
+        Self::W4,
+        Self::W4Bad,
+        Self::W5,
+        Self::W5s,
+    ];
 
     /// Name in tables and on the command line.
     pub const fn name(self) -> &'static str {
@@ -40,6 +52,7 @@ impl World {
             Self::W4 => "W4",
             Self::W4Bad => "W4-bad",
             Self::W5 => "W5",
+            Self::W5s => "W5s",
         }
     }
 
@@ -53,6 +66,7 @@ impl World {
             Self::W4 => "out of every model's class",
             Self::W4Bad => "the same, 5 % bad contacts of 3-6 mm",
             Self::W5 => "as measured on real arms",
+            Self::W5s => "the same, with a printed socket as its nest",
         }
     }
 
@@ -65,6 +79,7 @@ impl World {
             Self::W3 => PlantConfig::world(3),
             Self::W4 | Self::W4Bad => PlantConfig::world(4),
             Self::W5 => PlantConfig::as_measured(),
+            Self::W5s => PlantConfig::as_measured_socket(),
         }
     }
 
