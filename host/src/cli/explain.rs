@@ -2,14 +2,14 @@
 
 use spherecal_explain::{Explanation, Subject, explain, look};
 use spherecal_identify::IdentifyError;
-use spherecal_identify::evaluate::EvaluateError;
+use spherecal_identify::evaluate::{EvaluateError, UNLIKE};
 use spherecal_identify::study::{Sources, Study, StudyError, StudyRequest, assemble};
 use spherecal_model::input::InputError;
 
 /// Whether a refusal may come from a mistake in the table as a whole.
 pub(super) fn may_explain(error: &StudyError) -> bool {
     match error {
-        StudyError::Input(InputError::Field { field, .. }) => field.starts_with("median distance"),
+        StudyError::Input(InputError::Field { field, .. }) => UNLIKE.contains(&field.as_str()),
         StudyError::Evaluate(e) => matches!(
             e,
             EvaluateError::NotThisRobot { .. } | EvaluateError::NotThisOrientation { .. }

@@ -6,6 +6,7 @@ use spherecal_shared::robot::{Robot, Tool};
 
 use super::chain::{N, OWN, State};
 use super::hierarchy::open::OpenSizes;
+use super::hierarchy::sizes::Strangeness;
 use super::identifiability::Identifiability;
 use super::load::Nominal;
 use super::options::{Method, Model};
@@ -108,9 +109,9 @@ pub struct Calibration {
     /// Whether the robot's description has no masses, so that assumed ones gave
     /// the load its shape (and compliance is relative to them).
     pub assumed_masses: bool,
-    /// How far the sizes of lengths and twists are from ordinary ones, in standard deviations.
+    /// How far the sizes of lengths and twists are from ordinary ones.
     #[serde(skip)]
-    pub(crate) strangeness: f64,
+    pub(crate) strangeness: Strangeness,
     /// How well the sizes of the groups of parameters are known.
     #[serde(skip)]
     pub(crate) open: OpenSizes,

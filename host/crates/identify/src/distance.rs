@@ -19,6 +19,7 @@ use super::chain::{Prepared, State};
 use super::error::IdentifyError;
 use super::finish::finish;
 use super::hierarchy::open::OpenSizes;
+use super::hierarchy::sizes::Strangeness;
 use super::hierarchy::{FEWEST, Fit, prepare, register};
 use super::identifiability::analyse;
 use super::load::Nominal;
@@ -329,7 +330,7 @@ impl DistanceProblem {
             covariance,
             log_evidence: f64::NAN,
             nu: 0.0,
-            strangeness: 0.0,
+            strangeness: Strangeness::default(),
             open: OpenSizes::default(),
             identifiability,
         };

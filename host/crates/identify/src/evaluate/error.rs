@@ -26,12 +26,12 @@ pub enum EvaluateError {
     #[error(transparent)]
     Validate(#[from] ValidateError),
     /// No calibration of this robot explains the data.
-    #[error("{field} is {median_mm:.1} mm: {remedy}")]
+    #[error("{field} is {value}: {remedy}")]
     NotThisRobot {
         /// What is wrong.
         field: &'static str,
-        /// Median distance of the TCP from its targets after alignment, in mm.
-        median_mm: f64,
+        /// How far, with its unit.
+        value: String,
         /// What to check.
         remedy: String,
     },

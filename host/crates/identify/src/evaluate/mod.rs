@@ -317,6 +317,12 @@ fn judged_aside(
     (own, elsewhere)
 }
 
+/// What is wrong with data of another robot: the fit leaves too much, or explains the rows with another shape of the arm.
+pub const UNLIKE: [&str; 3] = [DISTANCE, LENGTHS, TWISTS];
+const DISTANCE: &str = "median distance of the calibrated robot's TCP from its targets";
+const LENGTHS: &str = "size of the errors of the robot's lengths";
+const TWISTS: &str = "size of the errors of the robot's twists";
+
 /// Refuses data that no calibration of this robot explains, by what its fit leaves, with what is
 /// probably wrong.
 fn plausible(recordings: &Recordings, fit: &ChosenFit) -> Result<(), EvaluateError> {
@@ -334,7 +340,8 @@ fn plausible(recordings: &Recordings, fit: &ChosenFit) -> Result<(), EvaluateErr
         .iter()
         .map(|joint| joint.mdh.a.abs() + joint.mdh.d.abs())
         .sum();
-    if median <= HOPELESS * reach && fit.calibration.strangeness < STRANGE {
+    let strange = fit.calibration.strangeness;
+    if median <= HOPELESS * reach && strange.sigmas < STRANGE {
         return match fit.nominal.median_turn_rad {
             Some(turn) if turn > HOPELESS_RAD => Err(EvaluateError::NotThisOrientation {
                 median_deg: turn.to_degrees(),
@@ -342,17 +349,26 @@ fn plausible(recordings: &Recordings, fit: &ChosenFit) -> Result<(), EvaluateErr
             _ => Ok(()),
         };
     }
-    let (field, remedy) = match plate::contradiction(&recordings.experiment, WRONG_PLATE_M) {
-        Some(words) => ("the plate", words),
-        None => (
-            "median distance of the calibrated robot's TCP from its targets",
-            "these are not data of this robot: check robot, joint order, signs, zero offsets and units".to_owned(),
-        ),
+    let distance = format!("{:.1} mm", median * 1e3);
+    if let Some(remedy) = plate::contradiction(&recordings.experiment, WRONG_PLATE_M) {
+        let field = "the plate";
+        return Err(EvaluateError::NotThisRobot {
+            field,
+            value: distance,
+            remedy,
+        });
+    }
+    let (field, value) = if median > HOPELESS * reach {
+        (DISTANCE, distance)
+    } else if strange.lengths {
+        (LENGTHS, format!("{:.0} mm", strange.size * 1e3))
+    } else {
+        (TWISTS, format!("{:.0} mrad", strange.size * 1e3))
     };
     Err(EvaluateError::NotThisRobot {
         field,
-        median_mm: median * 1e3,
-        remedy,
+        value,
+        remedy: "these are not data of this robot: check robot, joint order, signs, zero offsets and units".to_owned(),
     })
 }
 

@@ -97,6 +97,8 @@ pub(crate) const AMONG: f64 = 0.95;
 /// First guess of what the geometry of a file cannot follow of the full model, 1 sigma each axis (m): gear and encoder
 /// errors of 1e-4 rad at a metre, and some of the deflection. A second fit takes what the first leaves.
 pub(crate) const FILE_MISFIT_M: f64 = 3e-4;
+/// Share of the expected error up to which a named cause is no remark: squares add, so it makes the error 0.5 % larger.
+pub(crate) const NEGLIGIBLE: f64 = 0.1;
 /// Probability from which a result may be used. The convention of a 95 % interval.
 pub(crate) const SURE: f64 = 0.95;
 /// Median residual of a fit, as a share of the arm's length, beyond which the rows are not those of this robot: 10 mm of an arm

@@ -25,7 +25,7 @@ use self::alike::Alike;
 use self::constants::{FIRST_ROUNDS, ROUNDS, SETTLED};
 use self::noise::{RowsNoise, Seen as SeenRows};
 use self::open::OpenSizes;
-use self::sizes::Sizes;
+use self::sizes::{Sizes, Strangeness};
 use self::start::{check_targets, start_state};
 pub(crate) use self::start::{measured, prepare, register};
 use super::chain::{Prepared, State};
@@ -66,7 +66,7 @@ pub(crate) struct Fit {
     /// Degrees of freedom of Student's t; 0 for normal noise.
     pub(crate) nu: f64,
     /// See [`Sizes::strangeness`].
-    pub(crate) strangeness: f64,
+    pub(crate) strangeness: Strangeness,
     pub(crate) identifiability: Identifiability,
 }
 

@@ -105,6 +105,17 @@ impl Size {
     }
 }
 
+/// How strange the shape of an arm is. Far off, the arm is not the one that was described.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Strangeness {
+    /// Standard deviations of the hyperprior between the size of the errors and an ordinary one.
+    pub(crate) sigmas: f64,
+    /// Size of the errors, 1 sigma, in m or rad.
+    pub(crate) size: f64,
+    /// Whether they are those of lengths, and not of twists.
+    pub(crate) lengths: bool,
+}
+
 /// Sizes of all groups of a model.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Sizes(pub(crate) Vec<Size>);
@@ -194,16 +205,18 @@ impl Sizes {
         moved
     }
 
-    /// How far the sizes of lengths and twists are from ordinary ones, in standard deviations of their hyperpriors: that
-    /// of the farther one. Far off, the arm is not the one that was described.
-    pub(crate) fn strangeness(&self) -> f64 {
+    /// How far the sizes of lengths and twists are from ordinary ones: that of the farther one.
+    pub(crate) fn strangeness(&self) -> Strangeness {
         let shape = self
             .0
             .iter()
             .filter(|size| matches!(size.family, Family::Lengths | Family::Twists));
-        shape
-            .map(|size| (size.now / size.ordinary).ln() / size.spread)
-            .fold(0.0, f64::max)
+        let each = shape.map(|size| Strangeness {
+            sigmas: (size.now / size.ordinary).ln() / size.spread,
+            size: size.now,
+            lengths: size.family == Family::Lengths,
+        });
+        each.max_by(|a, b| a.sigmas.total_cmp(&b.sigmas)).unwrap_or_default()
     }
 
     /// Minus the logarithm of the hyperprior, up to a constant.

@@ -66,14 +66,10 @@ impl StudyError {
     fn of(error: EvaluateError, file: &str) -> Self {
         match error {
             EvaluateError::Identify(error) => error.into(),
-            EvaluateError::NotThisRobot {
-                field,
-                median_mm,
-                remedy,
-            } => InputError::Field {
+            EvaluateError::NotThisRobot { field, value, remedy } => InputError::Field {
                 file: file.to_owned(),
                 field: field.to_owned(),
-                value: format!("{median_mm:.1} mm"),
+                value,
                 remedy,
             }
             .into(),

@@ -3,7 +3,7 @@
 
 use super::{Check, Evidence, Expected};
 use crate::causes::{Family, Finding, ScatteredPlace};
-use crate::hierarchy::constants::{SCALE_SIGMAS, SURE};
+use crate::hierarchy::constants::{NEGLIGIBLE, SCALE_SIGMAS, SURE};
 
 /// Rows that are named of a cause that concerns many.
 const NAMED_ROWS: usize = 2;
@@ -20,7 +20,8 @@ pub(super) fn diagnosed(evidence: &Evidence<'_>, expected: Option<&Expected>, ch
     spheres(evidence, checks);
 }
 
-/// One check for each family of causes. What is named is a part of the fit, so it only qualifies the result.
+/// One check for each family of causes. What is named is a part of the fit, so it only qualifies the result, and what would
+/// not matter without being a part of it is not even a remark.
 fn causes(evidence: &Evidence<'_>, expected: &Expected, checks: &mut Vec<Check>) {
     for test in &evidence.causes.families {
         let (name, sound) = match test.family {
@@ -49,13 +50,9 @@ fn causes(evidence: &Evidence<'_>, expected: &Expected, checks: &mut Vec<Check>)
             let each: Vec<String> = found.iter().map(|f| in_words(evidence, f)).collect();
             each.join("; ")
         };
-        let check = Check::new(name, Some(test.sigmas), Some(test.limit), found.is_empty(), words);
         let harm = found.iter().map(|f| f.harm_mm).fold(0.0, f64::max);
-        let weight = if found.is_empty() {
-            1.0
-        } else {
-            harm / expected.own.mean
-        };
+        let weight = harm / expected.own.mean;
+        let check = Check::new(name, Some(test.sigmas), Some(test.limit), weight < NEGLIGIBLE, words);
         checks.push(check.qualifying().weighing(weight));
     }
 }
