@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::Serialize;
 use spherecal_shared::robot::{Robot, Tool};
 
+use super::causes::cross::CrossEffects;
 use super::chain::{N, OWN, State};
 use super::hierarchy::open::OpenSizes;
 use super::hierarchy::sizes::Strangeness;
@@ -115,6 +116,9 @@ pub struct Calibration {
     /// How well the sizes of the groups of parameters are known.
     #[serde(skip)]
     pub(crate) open: OpenSizes,
+    /// Errors of joints by the angles of others, which the model does not hold, with the unknowns.
+    #[serde(skip)]
+    pub(crate) cross: CrossEffects,
     /// Covariance of the free parameters, in the order in which
     /// [`Self::parameters`] lists them, SI units.
     #[serde(skip)]
@@ -187,15 +191,27 @@ impl Calibration {
     fn covariance_of(&self, q: &[f64], base: bool) -> Matrix3<f64> {
         let inner = &self.inner;
         let columns = self.prediction_columns(q, base);
-        let picked = columns.select_columns(&inner.columns).transpose();
-        let mut covariance = Matrix3::zeros();
+        let joints: Vec<Vector3<f64>> = (0..inner.layout.n)
+            .map(|j| columns.fixed_view::<3, 1>(0, inner.layout.joint(j)).into())
+            .collect();
+        let free = inner.columns.len();
+        let mut picked = DMatrix::zeros(self.cross.mean.len(), 3);
+        picked
+            .rows_mut(0, free)
+            .copy_from(&columns.select_columns(&inner.columns).transpose());
+        if picked.nrows() > free {
+            let cross = self.cross.at(q, &joints).transpose();
+            picked.rows_mut(free, cross.nrows()).copy_from(&cross);
+        }
+        let mean: Vector3<f64> = picked.tr_mul(&self.cross.mean).fixed_rows::<3>(0).into();
+        let mut covariance = mean * mean.transpose();
         // Matrix by vector: nalgebra's product with three rows is ten times slower.
         for (at, column) in picked.column_iter().enumerate() {
-            let along = &self.covariance * column;
-            covariance.set_column(at, &picked.tr_mul(&along));
+            let along = &self.cross.covariance * column;
+            let mut own = covariance.column_mut(at);
+            own += picked.tr_mul(&along);
         }
-        for j in 0..inner.layout.n {
-            let column: Vector3<f64> = columns.fixed_view::<3, 1>(0, inner.layout.joint(j)).into();
+        for column in joints {
             covariance += column * column.transpose() * inner.joint_variance;
         }
         covariance

@@ -15,6 +15,7 @@ use spherecal_shared::robot::Tool;
 
 use super::algorithm1::{Columns, Scaling, position_jacobian, reduce};
 use super::calibration::Calibration;
+use super::causes::cross::CrossEffects;
 use super::chain::{Prepared, State};
 use super::error::IdentifyError;
 use super::finish::finish;
@@ -327,6 +328,9 @@ impl DistanceProblem {
             shares: weights.clone(),
             weights,
             effective: m as f64,
+            cross: CrossEffects::none(&covariance),
+            by_causes: std::collections::BTreeMap::new(),
+            left: std::collections::BTreeMap::new(),
             covariance,
             log_evidence: f64::NAN,
             nu: 0.0,

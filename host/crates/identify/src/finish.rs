@@ -95,6 +95,7 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
         assumed_masses: nominal.assumed(),
         strangeness: fit.strangeness,
         open: fit.open.clone(),
+        cross: fit.cross.clone(),
         inner: Inner {
             layout: layout.clone(),
             state: state.clone(),

@@ -83,7 +83,8 @@ pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
         let floor = fit.whitening.leading(observation);
         let root = Root::new(&fit.whitening.covariance(&columns[..layout.n], floor));
         let residual = state.residual(observation, &k.tcp);
-        let white = root.times(&residual);
+        let residual = residual + fit.by_causes.get(&observation.index).copied().unwrap_or_default();
+        let white = root.times(fit.left.get(&observation.index).unwrap_or(&residual));
         let deviation = if observation.further.is_empty() {
             white.norm()
         } else {

@@ -76,6 +76,28 @@ impl Extended {
         Factor::new(a).ok_or(IdentifyError::Singular { free })
     }
 
+    /// Log evidence with the columns beyond `X` times a factor and the noise of the rows times another, up to a constant; minus
+    /// infinity where there is no solution. `numbers` is what the rows count.
+    pub(crate) fn evidence_with(&self, linear: &Linear, numbers: f64, size: f64, noise: f64) -> f64 {
+        let scale = |k: usize| if k < self.m { 1.0 / noise } else { size / noise };
+        // What the orientations tell keeps its own noise.
+        let rest = 1.0 - noise.powi(-2);
+        let count = self.n.nrows();
+        let mut a = DMatrix::from_fn(count, count, |r, c| self.n[(r, c)] * scale(r) * scale(c));
+        let mut of_fit = a.view_mut((0, 0), (self.m, self.m));
+        of_fit += &linear.rest * rest;
+        (0..count).for_each(|i| a[(i, i)] += 1.0);
+        let Some(factor) = Factor::new(a) else {
+            return f64::NEG_INFINITY;
+        };
+        let mut right = DVector::from_fn(count, |k, _| self.wy[k] * scale(k) / noise);
+        let mut of_fit = right.rows_mut(0, self.m);
+        of_fit += &linear.rest_y * rest;
+        let right = factor.half_vector(&right);
+        let rows = linear.y.norm_squared() / noise.powi(2);
+        -0.5 * (rows - right.norm_squared() + factor.log_determinant()) - numbers * noise.ln()
+    }
+
     /// Log evidence up to a constant of the data.
     ///
     /// # Errors
@@ -94,15 +116,24 @@ impl Extended {
         Ok(self.factor()?.solve_vector(&self.wy))
     }
 
-    /// Means and covariance of the columns of `X`, in units of their priors' sigmas.
+    /// Means and covariance of the first `count` columns, in units of their priors' sigmas.
     ///
     /// # Errors
     /// Equations that have no solution.
-    pub(crate) fn posterior(&self) -> Result<(DVector<f64>, DMatrix<f64>), IdentifyError> {
+    pub(crate) fn posterior(&self, count: usize) -> Result<(DVector<f64>, DMatrix<f64>), IdentifyError> {
         let factor = self.factor()?;
-        let mean = factor.solve_vector(&self.wy).rows(0, self.m).into_owned();
-        let half = factor.half(&DMatrix::identity(self.w.ncols(), self.m));
+        let mean = factor.solve_vector(&self.wy).rows(0, count).into_owned();
+        let half = factor.half(&DMatrix::identity(self.w.ncols(), count));
         Ok((mean, transposed_product(&half, &half)))
+    }
+
+    /// Displacements (whitened) by the columns from `first` on, where they were estimated.
+    ///
+    /// # Errors
+    /// Equations that have no solution.
+    pub(crate) fn displaced(&self, first: usize) -> Result<DVector<f64>, IdentifyError> {
+        let (mean, count) = (self.mean()?, self.w.ncols() - first);
+        Ok(self.w.columns(first, count) * mean.rows(first, count))
     }
 
     /// `ln` of the prior's covariance over the posterior's of the last `count` columns: what the width of their prior

@@ -198,6 +198,17 @@ impl Linear {
         }
     }
 
+    /// The same model with another white noise of the targets, by a factor.
+    pub(crate) fn with_noise(mut self, factor: f64) -> Self {
+        let by = 1.0 / factor;
+        self.x *= by;
+        self.y *= by;
+        for row in &mut self.rows {
+            row.root = row.root.scaled(by);
+        }
+        self
+    }
+
     /// The scales of the columns.
     pub(crate) fn sigmas(&self) -> DVector<f64> {
         DVector::from_column_slice(&self.scale)

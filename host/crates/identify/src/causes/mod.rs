@@ -4,11 +4,15 @@
 //! Fit ─ Linear ─ scan (alternatives · selection) ─▶ findings, and the fit with their columns
 //! ```
 //!
+//! Beside them the model holds errors of the joints that no cause is ([`cross`]): without them their slow course passes for
+//! causes.
+//!
 //! A cause that is found is a part of the model from then on: the estimate and its covariance are those of the fit with its
 //! columns, so every statement about the result holds it.
 
 mod alternatives;
 mod columns;
+pub(crate) mod cross;
 mod extended;
 mod finding;
 pub(crate) mod linear;
@@ -26,10 +30,13 @@ pub use alternatives::{Alternative, Family};
 pub use finding::{FamilyTest, Finding};
 pub use scatter::ScatteredPlace;
 
-use nalgebra::Vector3;
+use std::collections::BTreeMap;
+
+use nalgebra::{DVector, Vector3};
 
 pub(crate) use self::tail::log_tail;
 
+use self::cross::Cross;
 use self::extended::Extended;
 use self::linear::Linear;
 use self::payload::LoadEffects;
@@ -64,6 +71,11 @@ pub(crate) fn explain(
     course: &Course,
 ) -> Result<Causes, IdentifyError> {
     let linear = Linear::new(fit);
+    let share = fit.shares.iter().sum::<f64>() / fit.shares.len().max(1) as f64;
+    let cross = Cross::new(&linear, share * linear.y.len() as f64);
+    let linear = linear.with_noise(cross.white);
+    fit.whitening = fit.whitening.times(cross.white);
+    let model = Extended::new(&linear).with(&linear, &cross.columns);
     let layout = fit.layout.clone();
     let kinds: Vec<Kind> = fit.unknowns.columns.iter().map(|c| fit.table[*c].kind).collect();
     // Of a robot without masses the load has no size, and measured torques hold any load.
@@ -76,20 +88,17 @@ pub(crate) fn explain(
         arm_kg: experiment.robot.joints.iter().map(|joint| joint.link.mass_kg).sum(),
     };
     let by_model = !fit.nominal.assumed() && options.torque != Torque::Measured;
-    let found = scan(
-        &linear,
-        &layout,
-        course,
-        by_model.then_some(&loaded),
-        Extended::new(&linear),
-    )?;
+    let found = scan(&linear, &layout, course, by_model.then_some(&loaded), model.clone())?;
     let scattered = scatter::scattered(&linear, course);
     let mut findings = found.findings;
+    let (of_model, before_causes) = (fit.unknowns.len(), model.w.ncols());
+    // The estimate stays that of the model which is handed over: it follows these errors as far as it can.
+    let mut at = model.mean()?.rows(0, of_model).into_owned();
+    let beyond = &at - &linear.estimate;
     if !findings.is_empty() {
         let postures = workspace(&experiment.robot, &experiment.tool);
         let mut before = fit.tcps(&postures);
         let rigid = Rigid::new(&before);
-        let mut at = linear.estimate.clone();
         for (finding, mean) in findings.iter_mut().zip(&found.means) {
             fit.moved_by(&(mean - &at).component_mul(&linear.sigmas()));
             at.copy_from(mean);
@@ -98,19 +107,33 @@ pub(crate) fn explain(
             finding.harm_mm = rigid.mean_without(&moved) * 1e3;
             before = after;
         }
-        let (_, mut covariance) = found.model.posterior()?;
-        for (r, a) in linear.scale.iter().enumerate() {
-            for (c, b) in linear.scale.iter().enumerate() {
-                covariance[(r, c)] *= a * b;
-            }
-        }
-        fit.replace_covariance(covariance);
     }
+    let (mut mean, mut covariance) = found.model.posterior(before_causes)?;
+    let unit = |k: usize| linear.scale.get(k).copied().unwrap_or(1.0);
+    for r in 0..before_causes {
+        for c in 0..before_causes {
+            covariance[(r, c)] *= unit(r) * unit(c);
+        }
+    }
+    mean.rows_mut(0, of_model)
+        .copy_from(&beyond.component_mul(&linear.sigmas()));
+    fit.replace_posterior(mean, covariance);
+    fit.cross.size_rad = cross.size_rad;
+    fit.by_causes = unwhitened(&linear, &found.model.displaced(before_causes)?);
+    fit.left = unwhitened(&linear, &(found.model.displaced(0)? - &linear.y));
     Ok(Causes {
         findings,
         families: found.families,
         scattered,
     })
+}
+
+/// Displacements (m, F0) of the first target of each observation, by their whitened ones.
+fn unwhitened(linear: &Linear, whitened: &DVector<f64>) -> BTreeMap<usize, Vector3<f64>> {
+    let leading = linear.rows.iter().enumerate().filter(|(_, row)| row.leads());
+    leading
+        .map(|(k, row)| (row.index, row.root.inverse() * whitened.fixed_rows::<3>(3 * k)))
+        .collect()
 }
 
 /// Centre of mass of the tool seen from the TCP, in m: half way to the flange where the tool has no mass.

@@ -35,6 +35,15 @@ pub(crate) const ECCENTRIC_ORDERS: usize = 4;
 /// The ripple was halved and the eccentricity doubled on the real tables: no prediction moved by more than 2 %.
 pub(crate) const HARMONICS: (f64, f64) = (1e-4, 2e-5);
 
+/// Ordinary error of a joint by one order of another joint's angle (rad), and the weights of its orders: those of a smooth
+/// function over 1 rad, `exp(-k²/4)`, of which two hold 94 % of the variance. The residuals of a real UR10 correlate by 0.4 within
+/// 0.35 rad and by 0.2 at 1 rad.
+pub(crate) const CROSS_RAD: f64 = 2e-5;
+/// See [`CROSS_RAD`].
+pub(crate) const CROSS_WEIGHTS: [f64; 2] = [0.779, 0.368];
+/// Most joints of an arm whose joints have such errors: their number grows with the square, and a chain of more is no arm alone.
+pub(crate) const CROSS_JOINTS: usize = 8;
+
 /// Ordinary seat of a coupling about the others (m, each axis): kinematic couplings repeat to 0.1 to 3 µm.
 pub(crate) const SEAT_M: f64 = 3e-6;
 /// Degrees of freedom of the seats: few sit badly, and those far off.

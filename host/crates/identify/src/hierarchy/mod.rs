@@ -18,7 +18,9 @@ mod scale;
 pub(crate) mod sizes;
 mod start;
 
-use nalgebra::{DMatrix, Vector3};
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, DVector, Vector3};
 use rayon::prelude::*;
 
 use self::alike::Alike;
@@ -28,6 +30,7 @@ use self::open::OpenSizes;
 use self::sizes::{Sizes, Strangeness};
 use self::start::{check_targets, start_state};
 pub(crate) use self::start::{measured, prepare, register};
+use super::causes::cross::CrossEffects;
 use super::chain::{Prepared, State};
 use super::error::IdentifyError;
 use super::identifiability::{Identifiability, analyse};
@@ -59,6 +62,12 @@ pub(crate) struct Fit {
     pub(crate) effective: f64,
     pub(crate) unknowns: Unknowns,
     pub(crate) covariance: DMatrix<f64>,
+    /// Errors of joints by the angles of others, which the model does not hold.
+    pub(crate) cross: CrossEffects,
+    /// Displacements (m, F0) of observations by named causes, by their index.
+    pub(crate) by_causes: BTreeMap<usize, Vector3<f64>>,
+    /// Residuals (m, F0) that causes and [`Self::cross`] leave.
+    pub(crate) left: BTreeMap<usize, Vector3<f64>>,
     /// How well the sizes of the groups are known.
     pub(crate) open: OpenSizes,
     /// Log evidence (Laplace) at the estimated noise, up to a constant of the data.
@@ -90,12 +99,16 @@ impl Fit {
         self.state.refresh();
     }
 
-    /// Takes the covariance of the unknowns, with base shifts at the pivots.
-    pub(crate) fn replace_covariance(&mut self, mut covariance: DMatrix<f64>) {
-        about_base(&mut covariance, &self.unknowns, &self.layout, &self.state);
+    /// Takes mean and covariance of the unknowns and of [`Self::cross`], with base shifts at the pivots.
+    pub(crate) fn replace_posterior(&mut self, mean: DVector<f64>, covariance: DMatrix<f64>) {
+        let turn = about_base(covariance.nrows(), &self.unknowns, &self.layout, &self.state);
+        let covariance = &turn * covariance * turn.transpose();
+        self.cross.mean = turn * mean;
+        let m = self.unknowns.len();
+        self.covariance = covariance.view((0, 0), (m, m)).into_owned();
+        self.cross.covariance = covariance;
         let open = std::mem::take(&mut self.open);
-        self.open = open.about(&self.unknowns.deviation, &covariance);
-        self.covariance = covariance;
+        self.open = open.about(&self.unknowns.deviation, &self.covariance);
     }
 }
 
@@ -181,7 +194,8 @@ pub(crate) fn fit(
     } = search;
     let numbers: f64 = prepared.iter().map(Prepared::numbers).sum();
     let effective = Posterior::effective(&unknowns, &covariance).min(numbers);
-    about_base(&mut covariance, &unknowns, &layout, &state);
+    let turn = about_base(covariance.nrows(), &unknowns, &layout, &state);
+    covariance = &turn * covariance * turn.transpose();
     let open = OpenSizes::new(sizes.groups(&unknowns), &unknowns.deviation, &covariance);
     let mut table = table;
     for (&column, precision) in unknowns.columns.iter().zip(&unknowns.precision) {
@@ -200,6 +214,9 @@ pub(crate) fn fit(
         shares: alike.share,
         effective,
         unknowns,
+        cross: CrossEffects::none(&covariance),
+        by_causes: BTreeMap::new(),
+        left: BTreeMap::new(),
         covariance,
         log_evidence,
         nu: noise.nu,
@@ -348,15 +365,15 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Converts the covariance of each base from shifts at the pivot to shifts of the base's origin:
+/// Converts the first of `count` unknowns from shifts of each base at its pivot to shifts of the base's origin:
 /// `δt = δ + ω × (t − c)`.
-fn about_base(covariance: &mut DMatrix<f64>, unknowns: &Unknowns, layout: &Layout, state: &State) {
-    let m = unknowns.len();
+fn about_base(count: usize, unknowns: &Unknowns, layout: &Layout, state: &State) -> DMatrix<f64> {
+    let mut turned = DMatrix::identity(count, count);
     let at = |column: usize| unknowns.columns.iter().position(|c| *c == column);
     for (f, (base, pivot)) in state.bases.iter().zip(&state.pivots).enumerate() {
         let arm = base.position - pivot;
         let first = layout.base(f);
-        let mut turn = DMatrix::identity(m, m);
+        let mut turn = DMatrix::identity(count, count);
         for axis in 0..3 {
             let Some(column) = at(first + 3 + axis) else { continue };
             let shift = Vector3::<f64>::ith(axis, 1.0).cross(&arm);
@@ -366,6 +383,7 @@ fn about_base(covariance: &mut DMatrix<f64>, unknowns: &Unknowns, layout: &Layou
                 }
             }
         }
-        *covariance = &turn * &*covariance * turn.transpose();
+        turned = turn * turned;
     }
+    turned
 }

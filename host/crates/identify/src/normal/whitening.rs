@@ -51,6 +51,18 @@ impl Whitening {
         }
     }
 
+    /// Every standard deviation times a factor.
+    pub(crate) fn times(&self, factor: f64) -> Self {
+        let square = factor * factor;
+        Self {
+            joint: self.joint * square,
+            seating: self.seating * square,
+            point: self.point * square,
+            further: self.further.map(|variance| variance * square),
+            body: self.body * square,
+        }
+    }
+
     /// Variance of a part's own noise, in m² or rad².
     pub(crate) fn own(&self, part: RowPart) -> f64 {
         match part {
@@ -198,7 +210,7 @@ impl Root {
 
     /// The same times a factor.
     #[inline]
-    pub(super) fn scaled(self, factor: f64) -> Self {
+    pub(crate) fn scaled(self, factor: f64) -> Self {
         Self(self.0.map(|x| x * factor))
     }
 

@@ -125,7 +125,7 @@ impl Statement {
         judges: &[MeasuredRow<'_>],
         work: Option<&[Vec<f64>]>,
     ) -> Option<Self> {
-        let root = Root::of(&calibration.covariance)?;
+        let root = Root::of(&calibration.cross.covariance)?;
         let closed = rows.iter().any(|row| row.sphere.is_some());
         let mut random = ChaCha8Rng::seed_from_u64(1);
         let unknowns = root.draws(&mut random);

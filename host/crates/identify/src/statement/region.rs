@@ -145,7 +145,7 @@ impl Maker<'_> {
             .par_iter()
             .map(|row| self.calibration.columns_at(row.q, Some((row.reference, row.sphere))))
             .collect();
-        let mut columns = DMatrix::zeros(3 * rows.len(), self.unknowns.nrows());
+        let mut columns = DMatrix::zeros(3 * rows.len(), self.calibration.covariance.ncols());
         for (k, (block, _)) in own.iter().enumerate() {
             columns.rows_mut(3 * k, 3).copy_from(block);
         }
@@ -222,11 +222,12 @@ impl Maker<'_> {
             .par_iter()
             .map(|p| calibration.columns_at(&p.q, p.seen.filter(|_| frames)))
             .collect();
-        let mut columns = DMatrix::zeros(3 * count, self.unknowns.nrows());
+        let mut columns = DMatrix::zeros(3 * count, calibration.covariance.ncols());
         for (k, (block, _)) in own.iter().enumerate() {
             columns.rows_mut(3 * k, 3).copy_from(block);
         }
-        let mut draws = &columns * self.unknowns;
+        let free = columns.ncols();
+        let mut draws = &columns * self.unknowns.rows(0, free);
         let mut spread = &columns * &calibration.covariance;
         taken.of_draws(&mut spread);
         let effect = calibration.open.effect(&columns, &spread);
@@ -247,6 +248,11 @@ impl Maker<'_> {
                 (0..3).for_each(|axis| column[3 * k + axis] = v[axis]);
             }
         }
+        let each = postures
+            .iter()
+            .zip(&own)
+            .map(|(p, (_, joints))| (&p.q[..], &joints[..]));
+        calibration.cross.add_to(&mut draws, self.unknowns, &columns, each);
         let joint_square = own
             .iter()
             .flat_map(|(_, joints)| joints)
