@@ -252,7 +252,7 @@ fn until(
         let (mut down, mut up, mut arrived) = (Vec::new(), Vec::new(), Vec::new());
         endpoint.transmit(device.now_us(), &mut down).expect("framed");
         device.step(&down, &mut up).expect("the link lives");
-        let stored: Result<(), ()> = endpoint.receive(&up, &mut arrived, |_, _| Ok(()));
+        let stored: Result<(), ()> = endpoint.receive(&up, &mut arrived, |_| Ok(()));
         stored.expect("nothing to fail");
         if arrived.iter().any(&mut done) {
             return true;

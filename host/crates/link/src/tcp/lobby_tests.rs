@@ -10,7 +10,7 @@ use spherecal_shared::protocol::frame::{self, MAX_FRAME, Message};
 
 use super::*;
 use crate::tcp::conform::tests::Still;
-use crate::tcp::controller_server::serve_hosts;
+use crate::tcp::controller_server::{HostService, serve_hosts};
 use crate::tcp::{DriveServer, Remote, TcpDrive, listen};
 use crate::{Device as _, Drive as _, LocalDevice, controller_in_process};
 
@@ -79,4 +79,44 @@ fn silent_peers_keep_nobody_out() {
         }
         drop(silent);
     }
+}
+
+// Fails if a host that was held up for so long that the controller has disconnected it and holds the arm cannot go on
+// with that controller, or if it tries again and again where the controller has ended.
+#[test]
+fn a_host_that_was_disconnected_comes_back() {
+    let (listener, address) = listen("0").expect("a free port");
+    let (out, left) = std::sync::mpsc::channel();
+    let (stop, stopped) = std::sync::mpsc::channel::<()>();
+    let controller = thread::spawn(move || {
+        let controller = controller_in_process(7).expect("built");
+        let mut cell = LocalDevice::new(controller, Box::new(Still::in_real_time()), 7).expect("it fits");
+        let patience = Some(Duration::from_millis(300));
+        let mut service = HostService::with_patience(&listener, patience).expect("a listener");
+        while stopped.try_recv().is_err() {
+            service.turn(&mut cell).expect("a period");
+            if let Some(reason) = service.reason() {
+                out.send(reason.to_string()).expect("heard");
+            }
+            thread::sleep(Duration::from_millis(1));
+        }
+    });
+    let mut host = Remote::connect(&address.to_string(), 7).expect("the controller answers");
+    let frame = framed(&DriveCommand::default());
+    for _ in 0..3 {
+        for _ in 0..20 {
+            host.step(&frame, &mut Vec::new()).expect("the controller serves");
+        }
+        let reason = left.recv_timeout(Duration::from_mins(1)).expect("it is left");
+        assert!(reason.contains("no valid frame"), "{reason}");
+    }
+    let ticks = host.ticks();
+    host.step(&frame, &mut Vec::new()).expect("it goes on");
+    assert!(host.ticks() > ticks);
+    stop.send(()).expect("it runs");
+    controller.join().expect("no panic");
+    let ended = std::iter::repeat_with(|| host.step(&frame, &mut Vec::new()).err())
+        .flatten()
+        .next();
+    assert!(ended.expect("an error").to_string().contains("closed the connection"));
 }
