@@ -18,7 +18,8 @@ use spherecal_shared::protocol::host::{
     Banner, Contact, Coupled, Event, FaultReport, Phase, Refusal, Sample, Statistics,
 };
 
-use super::observe::{CampaignObserver, CampaignStage, Moved, Progress, TelemetrySummary, force};
+use super::force::{ForceSense, magnitude};
+use super::observe::{CampaignObserver, CampaignStage, Moved, Progress, TelemetrySummary};
 use super::{CampaignError, plausible};
 use spherecal_link::Journal;
 use spherecal_link::native::{DriveRecord, Monitor};
@@ -48,6 +49,8 @@ pub struct Session<'a> {
     inbox: VecDeque<Arrival>,
     /// Joints of the robot.
     joints: usize,
+    /// How well the arm feels forces; `None` before it is known which arm it is.
+    pub(super) sense: Option<ForceSense>,
     /// Delay from a command's cause to its start, in µs.
     lead_us: u64,
     /// Whether a handshake was sent and not yet answered.
@@ -104,6 +107,7 @@ impl<'a> Session<'a> {
             arrived: Vec::new(),
             inbox: VecDeque::new(),
             joints: 0,
+            sense: None,
             lead_us,
             in_handshake: false,
             heard_us: 0,
@@ -275,9 +279,14 @@ impl<'a> Session<'a> {
                 self.faults.push(*report);
             }
             Event::Telemetry(samples) => {
-                self.telemetry.add(arrival);
+                let sense = self.sense.as_ref();
+                let is_vague = |sample: &Sample| sense.is_some_and(|sense| sense.is_vague(sample));
+                for sample in samples {
+                    self.telemetry.add(sample, is_vague);
+                }
                 if let Some(sample) = samples.last() {
-                    self.progress.force_n = force(sample);
+                    self.progress.force_n = magnitude(sample);
+                    self.progress.force_is_vague = is_vague(sample);
                     self.samples.clear();
                     self.samples.extend_from_slice(samples);
                 }
