@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
 use spherecal_shared::protocol::frame::{self, MAX_FRAME, Message};
+use spherecal_shared::protocol::host::{Command, Downlink};
 
 use super::*;
 use crate::tcp::conform::tests::Still;
@@ -18,6 +19,16 @@ fn framed<M: Message>(message: &M) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];
     let length = frame::encode(message, 0, 0, &mut out).expect("it fits");
     out[..length].to_vec()
+}
+
+/// What a host says.
+fn keep_alive() -> Downlink {
+    Downlink {
+        session: [7; 4],
+        sequence: 0,
+        start_us: 0,
+        command: Command::KeepAlive,
+    }
 }
 
 /// So many connections that say nothing, and one that sends an end mark now and then.
@@ -43,27 +54,34 @@ fn crowd(address: SocketAddr) -> Vec<TcpStream> {
 // controller, in lock-step or in real time.
 #[test]
 fn silent_peers_keep_nobody_out() {
-    let (listener, address) = listen("0").expect("a free port");
-    thread::spawn(move || {
-        let mut server = DriveServer::new(Box::new(Still::new()), false);
-        loop {
-            let _ = server.serve(&listener);
+    for real_time in [false, true] {
+        let (listener, address) = listen("0").expect("a free port");
+        thread::spawn(move || {
+            let mut server = DriveServer::new(Box::new(Still::new()), real_time);
+            loop {
+                let _ = server.serve(&listener);
+            }
+        });
+        let silent = crowd(address);
+        let mut drive = TcpDrive::connect(&address.to_string()).expect("the plant answers");
+        let (mut state, mut first) = (DriveState::default(), 0);
+        for _ in 0..20 {
+            let command = DriveCommand {
+                session: drive.hello().session,
+                tick: state.tick,
+                tau: state.tau.clone(),
+                enable: false,
+            };
+            let answer = (!state.q.is_empty()).then_some(&command);
+            drive.exchange(answer, &mut state).expect("the plant serves");
+            first = if first == 0 { state.tick } else { first };
         }
-    });
-    let silent = crowd(address);
-    let mut drive = TcpDrive::connect(&address.to_string()).expect("the plant answers");
-    let mut state = DriveState::default();
-    for _ in 0..20 {
-        let command = DriveCommand {
-            session: drive.hello().session,
-            tick: state.tick,
-            tau: state.tau.clone(),
-            enable: false,
-        };
-        let answer = (!state.q.is_empty()).then_some(&command);
-        drive.exchange(answer, &mut state).expect("the plant serves");
+        assert!(
+            state.tick > first,
+            "real time {real_time}: another controller is served"
+        );
+        drop(silent);
     }
-    drop(silent);
     for drive in [Still::new(), Still::in_real_time()] {
         let (listener, address) = listen("0").expect("a free port");
         thread::spawn(move || {
@@ -73,7 +91,7 @@ fn silent_peers_keep_nobody_out() {
         });
         let silent = crowd(address);
         let mut host = Remote::connect(&address.to_string(), 7).expect("the controller answers");
-        let frame = framed(&DriveCommand::default());
+        let frame = framed(&keep_alive());
         for _ in 0..20 {
             host.step(&frame, &mut Vec::new()).expect("the controller serves");
         }
@@ -102,7 +120,7 @@ fn a_host_that_was_disconnected_comes_back() {
         }
     });
     let mut host = Remote::connect(&address.to_string(), 7).expect("the controller answers");
-    let frame = framed(&DriveCommand::default());
+    let frame = framed(&keep_alive());
     for _ in 0..3 {
         for _ in 0..20 {
             host.step(&frame, &mut Vec::new()).expect("the controller serves");

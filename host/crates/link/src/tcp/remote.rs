@@ -6,6 +6,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use spherecal_shared::protocol::drive::DriveHello;
+use spherecal_shared::protocol::host::Uplink;
 
 use super::controller_server::serve_own_host;
 use super::progress::{FrameWatch, NO_FRAME};
@@ -74,7 +75,7 @@ impl Remote {
             peer,
             hello,
             turns,
-            watch: FrameWatch::default(),
+            watch: FrameWatch::of::<Uplink>(),
             buffer: vec![0; 1 << 14],
             out: Vec::new(),
             ticks: 0,
