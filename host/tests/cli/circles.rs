@@ -319,8 +319,9 @@ fn walk(count: usize, kills: usize, seed: u64) {
             &out
         } else {
             let recovery = spherecal(folder.path(), &["store", "recover", &words(&database), &words(&new)]);
-            // What is refused is not written to.
-            assert_eq!(std::fs::read(&database).expect("read"), bytes, "{what}");
+            // What is refused is not written to, but sound frames of a log that ends early come into the file.
+            let same = std::fs::read(&database).expect("read") == bytes;
+            assert!(same || base.logged, "{what}: a refused file is written to");
             let said = text(&recovery.stderr);
             assert!(!said.contains("panicked"), "{what}: {said}");
             if !recovery.status.success() {
