@@ -15,6 +15,10 @@ use crate::{Drive, LinkError};
 /// Periods without a command after which a real-time drive closes its brakes. Until then the last
 /// torque is kept.
 const HELD_PERIODS: u32 = 10;
+/// How far a drive in real time may fall behind its clock and catch up, as the clock of a real drive goes on. A clock that
+/// slips makes each later state late: the controller allows a drift of 1 ms in a second. A longer stop is one of the
+/// machine.
+const BEHIND: Duration = Duration::from_secs(1);
 /// What the peers are called.
 const WHO: &str = "the controller";
 /// How long a controller may be silent: in real time at all, in lock-step if another one sends a command.
@@ -268,8 +272,7 @@ impl DriveServer {
             let now = Instant::now();
             if now < due {
                 std::thread::sleep(due - now);
-            } else if now > due + period {
-                // Behind schedule: simulated time then runs slower, never in a burst.
+            } else if now > due + BEHIND {
                 due = now;
             }
         }
