@@ -365,3 +365,23 @@ fn the_python_client_holds_our_plant() {
     let service = served.join().expect("no panic");
     assert_eq!((service.commands, service.late, service.link.crc_errors), (1500, 0, 0));
 }
+
+// Fails if the drive of the examples, which foreign drives are made from, does not do what the page says.
+#[test]
+#[ignore = "timed: the gate runs it"]
+fn timed_the_python_drive_conforms() {
+    for mode in [None, Some("--real-time")] {
+        let Some(mut command) = python("drive_server.py") else {
+            return;
+        };
+        let child = command.arg("0").args(mode).stdout(Stdio::piped()).spawn();
+        let mut script = Script(child.expect("python3 starts"));
+        let mut said = BufReader::new(script.0.stdout.take().expect("piped"));
+        let mut line = String::new();
+        said.read_line(&mut line).expect("one line");
+        let address = line.trim().rsplit("tcp:").next().expect("an address");
+        let findings = spherecal::link::tcp::conform::of_drive(address);
+        let failed: Vec<_> = findings.iter().filter(|finding| !finding.holds()).collect();
+        assert!(failed.is_empty() && findings.len() > 10, "{mode:?}: {failed:?}");
+    }
+}
