@@ -11,6 +11,7 @@ f64 as 8 bytes, lists with their length in front.
 import json
 import struct
 import sys
+import time
 
 # First eight bytes of each message type's schema hash: another layout, another key.
 HELLO_KEY = bytes.fromhex("0b2407ca61225e77")
@@ -20,6 +21,8 @@ COMMAND_KEY = bytes.fromhex("4bfd99ec80fc0db9")
 PROTOCOL = 2
 NO_SESSION = 0  # of a command: the controller asks for the hello
 MAX_FRAME = 2304
+# What may come without a valid frame.
+NOISE_BYTES, NOISE_S = 1 << 20, 5.0
 
 READY, DISABLED, EMERGENCY_STOP, FAILED = range(4)
 OF_ACTUATOR, OF_LINK = range(2)
@@ -217,6 +220,8 @@ class Wire:
 
     def __init__(self, sock):
         self.sock, self.sent, self.bytes, self.damaged = sock, 0, b"", 0
+        # Bytes since the last valid frame, and since when.
+        self.noise, self.since = 0, None
 
     def send(self, kind, message, time_us):
         self.sock.sendall(encode(kind, message, self.sent, time_us))
@@ -233,6 +238,10 @@ class Wire:
                 if not more:
                     return None
                 self.bytes += more
+                self.noise += len(more)
+                self.since = self.since or time.monotonic()
+                if self.noise > NOISE_BYTES or time.monotonic() - self.since > NOISE_S:
+                    raise LinkError("what comes has no valid frames")
                 continue
             self.bytes = rest
             if not frame:
@@ -244,6 +253,7 @@ class Wire:
                     raise
                 self.damaged += 1  # damaged on the way: the next zero byte begins afresh
                 continue
+            self.noise, self.since = len(self.bytes), time.monotonic() if self.bytes else None
             if kind != expected:
                 raise LinkError(f"a {kind} came where a {expected} belongs")
             return message

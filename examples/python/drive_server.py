@@ -14,10 +14,12 @@ import argparse
 import socket
 import time
 
-from drive_link import OF_ACTUATOR, PROTOCOL, READY, Wire
+from drive_link import OF_ACTUATOR, PROTOCOL, READY, LinkError, Wire
 
 PERIOD_US = 1000
 INERTIA = [2.0, 2.0, 1.0, 1.0, 0.3, 0.3, 0.1]  # kg m2, as in point_arm.toml
+# Messages beyond one a period that close a connection.
+FLOOD = 1000
 DAMPING = 0.5  # N m s/rad
 LIMITS = [[-2.9, 2.9, 2.0, 100.0]] * 7  # min rad, max rad, rad/s, N m
 # Another number after each start, and never 0: the controller notices a restart.
@@ -56,23 +58,33 @@ def carry_out(arm, command):
         arm.brake()
 
 
-def lock_step(wire, arm, tick):
+def receive(wire, hello):
+    """The next command; None when the controller has gone. One that knows no session asks for the hello."""
+    command = wire.receive("command")
+    if command and command["session"] == 0:
+        wire.send("hello", hello, 0)
+    return command
+
+
+def lock_step(wire, hello, arm, tick):
     """One state, one command, and so on: time stands still in between."""
     while True:
         wire.send("state", state_of(arm, tick), tick * PERIOD_US)
-        command = wire.receive("command")
+        command, late = receive(wire, hello), 0
         while command and command["tick"] != tick:
-            command = wire.receive("command")  # an answer to an older state
+            command, late = receive(wire, hello), late + 1  # an answer to an older state
+            if late > FLOOD:
+                raise LinkError("a flood of commands that answer no state")
         if command is None:
             return tick
         carry_out(arm, command)
         tick += 1
 
 
-def real_time(wire, arm, tick):
+def real_time(wire, hello, arm, tick):
     """A state every period; the newest command stands, for ten periods at most."""
     wire.sock.setblocking(False)
-    due, command, age = time.monotonic(), None, 0
+    due, command, age, first, came = time.monotonic(), None, 0, tick, 0
     try:
         while True:
             wire.send("state", state_of(arm, tick), tick * PERIOD_US)
@@ -81,10 +93,12 @@ def real_time(wire, arm, tick):
             age += 1
             try:
                 while True:
-                    newer = wire.receive("command")
+                    newer = receive(wire, hello)
                     if newer is None:
                         return tick
-                    command, age = newer, 0
+                    command, age, came = newer, 0, came + 1
+                    if came > FLOOD + 2 * (tick - first):
+                        raise LinkError("far more commands than one a period")
             except BlockingIOError:
                 pass
             if command and age < 10:
@@ -130,9 +144,11 @@ def serve(arm, limits, args):
         wire = Wire(connection)
         try:
             wire.send("hello", hello, 0)
-            tick = (real_time if args.real_time else lock_step)(wire, arm, tick)
+            tick = (real_time if args.real_time else lock_step)(wire, hello, arm, tick)
         except ConnectionError:
             pass  # the controller went away
+        except LinkError as error:
+            print(f"a controller is left: {error}", flush=True)
         connection.close()
         arm.brake()
         tick += 1

@@ -168,7 +168,7 @@ fn loop_case() -> Box<dyn FnMut()> {
         arrived.clear();
         host.transmit(cell.now_us(), &mut down).expect("frames");
         cell.step(&down, &mut up).expect("a step");
-        host.receive(&up, &mut arrived, |_, _| Ok::<(), spherecal::link::JournalError>(()))
+        host.receive(&up, &mut arrived, |_| Ok::<(), spherecal::link::JournalError>(()))
             .expect("events");
     };
     (0..2000).for_each(|_| step());

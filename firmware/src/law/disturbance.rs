@@ -32,16 +32,11 @@ pub(crate) fn most(limits: &JointLimits) -> f64 {
     (limits.torque_nm * MOST_SHARE).max(MOST_NM[0]).min(MOST_NM[1])
 }
 
-/// Share of a joint's torque limit that may be an error of its sensor. Within the play of a sensor a law that takes its
-/// reading for a disturbance would compensate the gravity torque a second time, and press a nest off its sphere; and a
-/// bias would be a jolt as the brakes open.
-const SENSOR_SHARE: f64 = 0.015;
-
 /// What of a torque (N m) that the sensors show is no error of theirs, in N m.
 #[inline]
 pub(crate) fn beyond_sensors<const N: usize>(torque: &SVector<f64, N>, limits: &[JointLimits; N]) -> SVector<f64, N> {
     SVector::from_fn(|i, _| {
-        let error = SENSOR_SHARE * limits[i].torque_nm;
+        let error = limits[i].sensor_error_nm();
         torque[i] - torque[i].max(-error).min(error)
     })
 }

@@ -113,10 +113,14 @@ impl ProgressView {
             1 => ", 1 fault".to_owned(),
             n => format!(", {n} faults"),
         };
+        let force = if p.force_is_vague {
+            "force unknown near a singular posture".to_owned()
+        } else {
+            format!("{:.1} N", p.force_n)
+        };
         format!(
-            "{sphere}{}, {:.1} N, {factor:.0}x real time, {}{faults}",
+            "{sphere}{}, {force}, {factor:.0}x real time, {}{faults}",
             phase_name(p.phase),
-            p.force_n,
             remaining(p, wall)
         )
     }

@@ -87,7 +87,7 @@ pub(crate) fn recorded(database: &Path) -> Vec<String> {
     }
 }
 
-fn has_run(database: &Path) -> bool {
+pub(crate) fn has_run(database: &Path) -> bool {
     database.exists() && SqlStore::open(database).is_ok_and(|mut s| s.last_run().expect("read").is_some())
 }
 

@@ -26,6 +26,8 @@ mod fleet;
 mod floods;
 mod folders;
 mod hard;
+#[cfg(target_os = "linux")]
+mod hostile;
 mod kills;
 mod left_out;
 mod main_job;

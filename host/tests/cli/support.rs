@@ -63,11 +63,21 @@ impl Server {
 
     /// Starts one in `folder`.
     pub(crate) fn start_in(folder: &Path, arguments: &[&str]) -> Self {
+        Self::start_with(folder, arguments, Stdio::null())
+    }
+
+    /// Starts one in `folder`; what it says on stderr goes into a file.
+    #[cfg(target_os = "linux")]
+    pub(crate) fn start_telling(folder: &Path, arguments: &[&str], file: &Path) -> Self {
+        Self::start_with(folder, arguments, std::fs::File::create(file).expect("made").into())
+    }
+
+    fn start_with(folder: &Path, arguments: &[&str], told: Stdio) -> Self {
         let mut child = Command::new(PROGRAM)
             .args(arguments)
             .current_dir(folder)
             .stdout(Stdio::piped())
-            .stderr(Stdio::null())
+            .stderr(told)
             .spawn()
             .expect("the program starts");
         let mut line = String::new();

@@ -70,6 +70,19 @@ pub struct JointLimits {
     pub torque_nm: f64,
 }
 
+/// Share of a joint's torque limit that may be an error of its sensor. Within the play of a sensor a law that takes its
+/// reading for a disturbance would compensate the gravity torque a second time, and press a nest off its sphere; and a
+/// bias would be a jolt as the brakes open.
+const SENSOR_SHARE: f64 = 0.015;
+
+impl JointLimits {
+    /// Torque that may be an error of the joint's sensor, in N m.
+    #[inline]
+    pub fn sensor_error_nm(&self) -> f64 {
+        SENSOR_SHARE * self.torque_nm
+    }
+}
+
 /// One joint and the link that it moves.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Joint {

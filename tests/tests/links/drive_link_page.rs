@@ -252,7 +252,7 @@ fn until(
         let (mut down, mut up, mut arrived) = (Vec::new(), Vec::new(), Vec::new());
         endpoint.transmit(device.now_us(), &mut down).expect("framed");
         device.step(&down, &mut up).expect("the link lives");
-        let stored: Result<(), ()> = endpoint.receive(&up, &mut arrived, |_, _| Ok(()));
+        let stored: Result<(), ()> = endpoint.receive(&up, &mut arrived, |_| Ok(()));
         stored.expect("nothing to fail");
         if arrived.iter().any(&mut done) {
             return true;
@@ -364,4 +364,24 @@ fn the_python_client_holds_our_plant() {
     assert!(moved < 0.02, "moved by {moved} rad");
     let service = served.join().expect("no panic");
     assert_eq!((service.commands, service.late, service.link.crc_errors), (1500, 0, 0));
+}
+
+// Fails if the drive of the examples, which foreign drives are made from, does not do what the page says.
+#[test]
+#[ignore = "timed: the gate runs it"]
+fn timed_the_python_drive_conforms() {
+    for mode in [None, Some("--real-time")] {
+        let Some(mut command) = python("drive_server.py") else {
+            return;
+        };
+        let child = command.arg("0").args(mode).stdout(Stdio::piped()).spawn();
+        let mut script = Script(child.expect("python3 starts"));
+        let mut said = BufReader::new(script.0.stdout.take().expect("piped"));
+        let mut line = String::new();
+        said.read_line(&mut line).expect("one line");
+        let address = line.trim().rsplit("tcp:").next().expect("an address");
+        let findings = spherecal::link::tcp::conform::of_drive(address);
+        let failed: Vec<_> = findings.iter().filter(|finding| !finding.holds()).collect();
+        assert!(failed.is_empty() && findings.len() > 10, "{mode:?}: {failed:?}");
+    }
 }

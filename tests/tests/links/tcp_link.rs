@@ -317,7 +317,7 @@ fn a_drive_that_falls_silent_in_real_time_is_a_fault() {
         let (mut down, mut up, mut arrived) = (Vec::new(), Vec::new(), Vec::new());
         endpoint.transmit(device.now_us(), &mut down).expect("framed");
         device.step(&down, &mut up).expect("the controller lives");
-        let stored: Result<(), ()> = endpoint.receive(&up, &mut arrived, |_, _| Ok(()));
+        let stored: Result<(), ()> = endpoint.receive(&up, &mut arrived, |_| Ok(()));
         stored.expect("nothing to fail");
         for arrival in arrived {
             match arrival.body {

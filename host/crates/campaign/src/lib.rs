@@ -24,6 +24,7 @@
 pub mod collect;
 pub mod commission;
 mod error;
+mod force;
 mod observe;
 mod operate;
 mod outcome;
@@ -51,6 +52,7 @@ use spherecal_shared::protocol::host::Coupled;
 use spherecal_shared::robot::{Robot, Tool};
 
 pub use error::{CampaignError, remedy};
+pub use force::{ForceSense, WrenchError};
 pub use observe::{CampaignObserver, CampaignStage, Moved, Progress, Silent, TelemetrySummary};
 pub use operate::{Answer, ManualControl, Order, operate};
 pub use outcome::{Outcome, Rejected};

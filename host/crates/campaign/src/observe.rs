@@ -1,8 +1,9 @@
 //! Observers of a campaign, and what they are shown.
 
 use serde::{Deserialize, Serialize};
-use spherecal_shared::protocol::host::{Event, Phase, Sample};
+use spherecal_shared::protocol::host::{Phase, Sample};
 
+use crate::force::magnitude;
 use crate::telemetry::RunKey;
 use spherecal_link::Arrival;
 use spherecal_link::native::DriveRecord;
@@ -57,6 +58,8 @@ pub struct Progress {
     pub device_s: f64,
     /// Estimated contact force, in N, from the newest telemetry.
     pub force_n: f64,
+    /// Whether that force says nothing, because the arm is near a singular posture ([`ForceSense`]).
+    pub force_is_vague: bool,
     /// What the drive measured of its real-time loop, if a robot's own interface is in this process.
     #[serde(skip)]
     pub drive: Option<DriveRecord>,
@@ -111,7 +114,7 @@ pub struct TelemetrySummary {
     pub rate_limited: u64,
     /// Samples near a singularity.
     pub near_singular: u64,
-    /// Largest estimated contact force, in N.
+    /// Largest estimated contact force that the errors of the torque sensors do not explain, in N ([`ForceSense`]).
     pub max_force_n: f64,
     /// Largest joint speed, in rad/s.
     pub max_speed_rad_s: f64,
@@ -120,28 +123,18 @@ pub struct TelemetrySummary {
 }
 
 impl TelemetrySummary {
-    /// Adds one arrival, if it is telemetry.
-    pub fn add(&mut self, arrival: &Arrival) {
-        if let Event::Telemetry(samples) = &arrival.body {
-            for sample in samples {
-                self.add_sample(sample);
-            }
-        }
-    }
-
-    fn add_sample(&mut self, sample: &Sample) {
+    /// Adds one sample; `is_vague` says whether its force says nothing.
+    pub(super) fn add(&mut self, sample: &Sample, is_vague: impl Fn(&Sample) -> bool) {
         let largest = |values: &[f32]| values.iter().fold(0.0f64, |m, v| m.max(f64::from(v.abs())));
         self.samples += 1;
         self.saturated += u64::from(sample.flags & 1);
         self.rate_limited += u64::from(sample.flags >> 1 & 1);
         self.near_singular += u64::from(sample.flags >> 2 & 1);
-        self.max_force_n = self.max_force_n.max(force(sample));
+        let force_n = magnitude(sample);
+        if force_n > self.max_force_n && !is_vague(sample) {
+            self.max_force_n = force_n;
+        }
         self.max_speed_rad_s = self.max_speed_rad_s.max(largest(&sample.dq));
         self.max_torque_nm = self.max_torque_nm.max(largest(&sample.command));
     }
-}
-
-/// Magnitude of a sample's force, in N.
-pub(super) fn force(sample: &Sample) -> f64 {
-    sample.force_n.iter().map(|f| f64::from(*f).powi(2)).sum::<f64>().sqrt()
 }

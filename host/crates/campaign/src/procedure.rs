@@ -6,6 +6,7 @@ use std::sync::atomic::AtomicBool;
 use spherecal_shared::Joints;
 use spherecal_shared::protocol::host::{Command, Fault, FaultReport, Phase, PoseCommand, Refusal};
 
+use super::force::ForceSense;
 use super::observe::{CampaignObserver, CampaignStage};
 use super::outcome::{Outcome, Rejected};
 use super::places::Places;
@@ -117,6 +118,7 @@ impl<'a> Campaign<'a> {
     }
 
     pub(super) fn configure(&self, session: &mut Session<'_>) -> Result<(), CampaignError> {
+        session.sense = Some(ForceSense::new(self.assignment.robot, self.assignment.tool));
         session.order("take the robot", Command::Robot(self.assignment.robot.driven()?))?;
         session.order("take the procedure", self.configuration())
     }

@@ -41,7 +41,7 @@ impl Campaign<'_> {
         pose: u32,
         reason: &str,
     ) -> Result<(), CampaignError> {
-        session.store(|journal| journal.reject(sphere, pose, reason))?;
+        session.journal().reject(sphere, pose, reason)?;
         session.note(&format!("sphere {sphere}, pose {pose}: given up ({reason})"));
         self.done.insert((sphere, pose));
         self.rejected.push(Rejected {

@@ -9,7 +9,6 @@
 
 mod handshake;
 mod order;
-mod storing;
 
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,15 +18,15 @@ use spherecal_shared::protocol::host::{
     Banner, Contact, Coupled, Event, FaultReport, Phase, Refusal, Sample, Statistics,
 };
 
-use super::observe::{CampaignObserver, CampaignStage, Moved, Progress, TelemetrySummary, force};
+use super::force::{ForceSense, magnitude};
+use super::observe::{CampaignObserver, CampaignStage, Moved, Progress, TelemetrySummary};
 use super::{CampaignError, plausible};
+use spherecal_link::Journal;
 use spherecal_link::native::{DriveRecord, Monitor};
 use spherecal_link::{Arrival, Device, HostEndpoint, Timing};
-use spherecal_link::{Journal, JournalError};
 use spherecal_plan::Plan;
 
 pub(super) use order::Waited;
-use storing::keeping_alive;
 
 /// Longest interval between two progress reports to an observer, in µs of device time.
 const PROGRESS_US: u64 = 100_000;
@@ -45,13 +44,13 @@ pub struct Session<'a> {
     monitor: Option<Monitor>,
     down: Vec<u8>,
     up: Vec<u8>,
-    /// What the controller sent while something was stored.
-    late: Vec<u8>,
     arrived: Vec<Arrival>,
     /// Events that have arrived and were not handled yet.
     inbox: VecDeque<Arrival>,
     /// Joints of the robot.
     joints: usize,
+    /// How well the arm feels forces; `None` before it is known which arm it is.
+    pub(super) sense: Option<ForceSense>,
     /// Delay from a command's cause to its start, in µs.
     lead_us: u64,
     /// Whether a handshake was sent and not yet answered.
@@ -59,7 +58,9 @@ pub struct Session<'a> {
     /// Time of the event handled last, on the controller's clock, in µs.
     heard_us: u64,
     last_progress_us: u64,
-    /// Cell time at which the last frame of the controller arrived, in µs.
+    /// Cell time of the last exchange, in µs. The program may have been held up since.
+    exchanged_us: u64,
+    /// Cell time of the last exchange in which a frame of the controller arrived, in µs.
     alive_us: u64,
     pub(super) progress: Progress,
     pub(super) banner: Option<Banner>,
@@ -92,23 +93,26 @@ impl<'a> Session<'a> {
         lead_us: u64,
     ) -> Self {
         let monitor = cell.monitor();
+        let endpoint = HostEndpoint::new(Timing::default());
+        cell.keep_alive(endpoint.keep_alives());
         Self {
             monitor,
             cell,
-            endpoint: HostEndpoint::new(Timing::default()),
+            endpoint,
             journal,
             observer,
             interrupt,
             down: Vec::new(),
             up: Vec::new(),
-            late: Vec::new(),
             arrived: Vec::new(),
             inbox: VecDeque::new(),
             joints: 0,
+            sense: None,
             lead_us,
             in_handshake: false,
             heard_us: 0,
             last_progress_us: 0,
+            exchanged_us: 0,
             alive_us: 0,
             progress: Progress::default(),
             banner: None,
@@ -143,14 +147,9 @@ impl<'a> Session<'a> {
         self.endpoint.counters()
     }
 
-    /// Has the journal do something while the link stays alive.
-    pub(super) fn store<T: Send>(
-        &mut self,
-        work: impl FnOnce(&mut dyn Journal) -> Result<T, JournalError> + Send,
-    ) -> Result<T, CampaignError> {
-        let journal = &mut *self.journal;
-        let stored = keeping_alive(self.cell, &mut self.endpoint, &mut self.late, || work(journal))?;
-        Ok(stored?)
+    /// Where the campaign notes what it does.
+    pub(super) fn journal(&mut self) -> &mut dyn Journal {
+        self.journal
     }
 
     pub(super) fn note(&mut self, text: &str) {
@@ -204,7 +203,6 @@ impl<'a> Session<'a> {
     fn exchange(&mut self) -> Result<(), CampaignError> {
         self.down.clear();
         self.up.clear();
-        self.up.append(&mut self.late);
         let now_us = self.cell.now_us();
         self.endpoint
             .transmit(now_us, &mut self.down)
@@ -214,15 +212,14 @@ impl<'a> Session<'a> {
             self.note_drive();
         }
         stepped?;
-        let (cell, journal, late) = (&mut *self.cell, &mut *self.journal, &mut self.late);
-        let joints = self.joints;
+        self.exchanged_us = self.cell.now_us();
+        let (journal, joints) = (&mut *self.journal, self.joints);
         let frames = self.endpoint.counters().frames;
-        self.endpoint.receive(&self.up, &mut self.arrived, |batch, endpoint| {
+        self.endpoint.receive(&self.up, &mut self.arrived, |batch| {
             for arrival in batch {
                 plausible(&arrival.body, joints)?;
             }
-            let stored = keeping_alive(cell, endpoint, late, || journal.append(batch))?;
-            stored.map_err(CampaignError::from)
+            journal.append(batch).map_err(CampaignError::from)
         })?;
         self.inbox.extend(self.arrived.drain(..));
         if self.endpoint.counters().frames != frames {
@@ -282,9 +279,14 @@ impl<'a> Session<'a> {
                 self.faults.push(*report);
             }
             Event::Telemetry(samples) => {
-                self.telemetry.add(arrival);
+                let sense = self.sense.as_ref();
+                let is_vague = |sample: &Sample| sense.is_some_and(|sense| sense.is_vague(sample));
+                for sample in samples {
+                    self.telemetry.add(sample, is_vague);
+                }
                 if let Some(sample) = samples.last() {
-                    self.progress.force_n = force(sample);
+                    self.progress.force_n = magnitude(sample);
+                    self.progress.force_is_vague = is_vague(sample);
                     self.samples.clear();
                     self.samples.extend_from_slice(samples);
                 }

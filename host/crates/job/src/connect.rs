@@ -4,7 +4,7 @@ use std::path::Path;
 
 use spherecal_link::qemu::{Qemu, QemuOptions};
 use spherecal_link::tcp::{Remote, TcpDrive, Threaded, check_limits};
-use spherecal_link::{Controller, Device, Drive as _, LinkError, LocalDevice, Serial, controller_in_process};
+use spherecal_link::{Attended, Controller, Device, Drive as _, LinkError, LocalDevice, Serial, controller_in_process};
 use spherecal_model::robots::RobotModel;
 use spherecal_shared::robot::Robot;
 use spherecal_store::Peer;
@@ -67,12 +67,12 @@ pub fn distant(model: &RobotModel, config: &Config, link: &Link) -> Result<Optio
     let joints = robot.dof();
     match link {
         Link::Sim | Link::Qemu => Ok(None),
-        Link::Serial(device) => Ok(Some(Box::new(Serial::open(device)?))),
+        Link::Serial(device) => attended(Serial::open(device)?),
         Link::Tcp(address) => {
             let drive = TcpDrive::connect(address).map_err(LinkError::from)?;
             check_limits(&drive.hello().limits, robot).map_err(LinkError::from)?;
             if !drive.hello().lock_step {
-                return Ok(Some(Box::new(Threaded::start(Box::new(drive), joints)?)));
+                return attended(Threaded::start(Box::new(drive), joints)?);
             }
             let controller = controller_in_process(joints)?;
             Ok(Some(Box::new(LocalDevice::new(controller, Box::new(drive), joints)?)))
@@ -80,16 +80,21 @@ pub fn distant(model: &RobotModel, config: &Config, link: &Link) -> Result<Optio
         Link::Franka { .. } | Link::Fri(_) => {
             let drive = native::drive(model, config, link)?;
             check_limits(&drive.hello().limits, robot).map_err(LinkError::from)?;
-            Ok(Some(Box::new(Threaded::start(drive, joints)?)))
+            attended(Threaded::start(drive, joints)?)
         }
         Link::Ur { .. } => Err(JobError::ReadOnly { link: link.to_string() }),
         Link::Controller(address) => {
             let remote = Remote::connect(address, joints)?;
             check_limits(&remote.hello().limits, robot).map_err(LinkError::from)?;
-            Ok(Some(Box::new(remote)))
+            attended(remote)
         }
-        Link::Grpc(peer) => remote_robot(robot, peer).map(Some),
+        Link::Grpc(peer) => remote_robot(robot, peer),
     }
+}
+
+/// A device whose time does not wait for this program, with a thread that nothing else can hold up.
+fn attended(device: impl Device + 'static) -> Result<Option<Box<dyn Device>>, JobError> {
+    Ok(Some(Box::new(Attended::start(device)?)))
 }
 
 /// The controller of a link whose arm is in this process.
@@ -104,13 +109,12 @@ pub fn controller(prepared: &PreparedRun, link: &Link, folder: &Path) -> Result<
 }
 
 #[cfg(feature = "services")]
-fn remote_robot(robot: &Robot, peer: &Peer) -> Result<Box<dyn Device>, JobError> {
-    let robot = spherecal_services::grpc::RemoteRobot::attach(peer, robot)?;
-    Ok(Box::new(robot))
+fn remote_robot(robot: &Robot, peer: &Peer) -> Result<Option<Box<dyn Device>>, JobError> {
+    attended(spherecal_services::grpc::RemoteRobot::attach(peer, robot)?)
 }
 
 #[cfg(not(feature = "services"))]
-fn remote_robot(_robot: &Robot, _peer: &Peer) -> Result<Box<dyn Device>, JobError> {
+fn remote_robot(_robot: &Robot, _peer: &Peer) -> Result<Option<Box<dyn Device>>, JobError> {
     Err(JobError::Feature {
         what: "a robot behind gRPC (--link grpc:)",
         feature: "services",

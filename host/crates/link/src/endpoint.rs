@@ -12,8 +12,10 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use spherecal_shared::protocol::frame::{self, Accumulator, FrameError, LinkCounters, MAX_FRAME, SequenceWatch};
+use spherecal_shared::protocol::frame::{self, Accumulator, FrameError, LinkCounters, SequenceWatch};
 use spherecal_shared::protocol::host::{Command, Downlink, Event, SessionId, Uplink};
+
+use super::keep_alive::{KeepAlives, unnumbered};
 
 /// Most events that may wait for an earlier one. Further events are dropped, and the controller
 /// sends them again.
@@ -77,7 +79,7 @@ pub struct HostEndpoint {
     /// The host's time at that moment, and at the last transmission, in µs.
     device_at_us: u64,
     now_us: u64,
-    frames_sent: u32,
+    line: KeepAlives,
     last_command: u32,
     queue: VecDeque<Downlink>,
     pending: Option<PendingCommand>,
@@ -92,11 +94,18 @@ pub struct HostEndpoint {
 impl HostEndpoint {
     /// An endpoint that has sent nothing yet.
     pub fn new(timing: Timing) -> Self {
-        Self {
+        let this = Self {
             timing,
             nonce: random_nonce(),
             ..Self::default()
-        }
+        };
+        this.line.begin(this.session());
+        this
+    }
+
+    /// Makes keep-alives of this endpoint, in whatever thread.
+    pub fn keep_alives(&self) -> &KeepAlives {
+        &self.line
     }
 
     /// The session of the last handshake.
@@ -144,6 +153,7 @@ impl HostEndpoint {
             self.next_event = None;
             self.early.clear();
             self.handshakes = self.handshakes.wrapping_add(1);
+            self.line.begin(self.session());
             self.lost_session = false;
             1
         } else {
@@ -187,14 +197,6 @@ impl HostEndpoint {
                 held: false,
             });
         }
-        self.keep_alive(now_us, out)
-    }
-
-    /// Appends a keep-alive to `out` if nothing was sent for long at `now_us`.
-    ///
-    /// # Errors
-    /// When it does not fit a frame.
-    pub fn keep_alive(&mut self, now_us: u64, out: &mut Vec<u8>) -> Result<(), FrameError> {
         let silent = self
             .last_sent_us
             .is_none_or(|last| now_us.saturating_sub(last) >= self.timing.keep_alive_us);
@@ -207,7 +209,7 @@ impl HostEndpoint {
     /// Takes the controller's bytes. Passes the numbered events that are due to `store` in one
     /// batch and acknowledges them if `store` succeeds. Then appends every event that arrived to
     /// `arrived`. If `store` fails, nothing is acknowledged, and the next call offers the batch
-    /// again. `store` gets this endpoint, too, to keep the link alive while it works.
+    /// again.
     ///
     /// # Errors
     /// What `store` reports.
@@ -215,7 +217,7 @@ impl HostEndpoint {
         &mut self,
         bytes: &[u8],
         arrived: &mut Vec<Arrival>,
-        store: impl FnOnce(&[Arrival], &mut Self) -> Result<(), E>,
+        store: impl FnOnce(&[Arrival]) -> Result<(), E>,
     ) -> Result<(), E> {
         if bytes.is_empty() && self.fresh.is_empty() {
             return Ok(());
@@ -237,10 +239,7 @@ impl HostEndpoint {
         }
         self.accumulator = accumulator;
         if !self.fresh.is_empty() {
-            let fresh = std::mem::take(&mut self.fresh);
-            let stored = store(&fresh, self);
-            self.fresh = fresh;
-            stored?;
+            store(&self.fresh)?;
             for arrival in self.fresh.drain(..) {
                 self.acknowledgements.push_back(arrival.event);
                 arrived.push(arrival);
@@ -337,21 +336,12 @@ impl HostEndpoint {
     }
 
     fn unnumbered(&mut self, command: Command, now_us: u64, out: &mut Vec<u8>) -> Result<(), FrameError> {
-        let message = Downlink {
-            session: self.session(),
-            sequence: 0,
-            start_us: 0,
-            command,
-        };
-        self.frame(&message, now_us, out)
+        self.frame(&unnumbered(self.session(), command), now_us, out)
     }
 
     fn frame(&mut self, message: &Downlink, now_us: u64, out: &mut Vec<u8>) -> Result<(), FrameError> {
-        let mut bytes = [0u8; MAX_FRAME];
-        let length = frame::encode(message, self.frames_sent, now_us, &mut bytes)?;
-        self.frames_sent = self.frames_sent.wrapping_add(1);
+        self.line.framed(message, now_us, out)?;
         self.last_sent_us = Some(now_us);
-        out.extend_from_slice(bytes.get(..length).unwrap_or(&bytes));
         Ok(())
     }
 }

@@ -2,6 +2,7 @@ use super::*;
 use proptest::prelude::*;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
+use spherecal_shared::protocol::frame::MAX_FRAME;
 use spherecal_shared::protocol::host::Banner;
 use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
 use std::convert::Infallible;
@@ -150,7 +151,7 @@ proptest! {
             let up = to_host.pass(now, up);
             let mut arrived = Vec::new();
             endpoint
-                .receive::<Infallible>(&up, &mut arrived, |batch, _| {
+                .receive::<Infallible>(&up, &mut arrived, |batch| {
                     stored.extend(batch.iter().map(|a| a.event));
                     Ok(())
                 })
@@ -184,7 +185,7 @@ fn nothing_is_acknowledged_that_was_not_stored() {
     endpoint.transmit(1000, &mut down).expect("it fits");
     peer.exchange(1000, &down, 1, &mut up);
     let mut arrived = Vec::new();
-    let refused = endpoint.receive(&up.concat(), &mut arrived, |_, _| Err("disk full"));
+    let refused = endpoint.receive(&up.concat(), &mut arrived, |_| Err("disk full"));
     assert_eq!(
         (refused, arrived.iter().filter(|a| a.event > 0).count()),
         (Err("disk full"), 0)
@@ -195,7 +196,7 @@ fn nothing_is_acknowledged_that_was_not_stored() {
     assert_eq!(peer.waiting.len(), 1, "not acknowledged");
 
     // The disk has room again: no new bytes are needed.
-    let stored = endpoint.receive::<Infallible>(&[], &mut arrived, |batch, _| {
+    let stored = endpoint.receive::<Infallible>(&[], &mut arrived, |batch| {
         assert_eq!(batch.len(), 1);
         Ok(())
     });

@@ -25,11 +25,13 @@
 //!
 //! The host link carries bytes in every mode, so every run exercises framing and repetition.
 
+mod attended;
 mod cell;
 mod endpoint;
 mod fault;
 mod in_process;
 mod journal;
+mod keep_alive;
 mod lossy;
 pub mod native;
 pub mod qemu;
@@ -41,11 +43,13 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 use spherecal_shared::protocol::frame::{FrameError, LinkCounters};
 use spherecal_shared::protocol::host::{LoopTiming, Refusal};
 
+pub use attended::Attended;
 pub use cell::{LocalDevice, check_hello};
 pub use endpoint::{Arrival, HostEndpoint, Timing};
 pub use fault::fault_name;
 pub use in_process::{InProcess, controller_in_process};
 pub use journal::{Journal, JournalError};
+pub use keep_alive::KeepAlives;
 pub use lossy::{Injected, Lossy, LossyError};
 pub use serial::Serial;
 pub use state_reader::{DriveReader, FrankaReader, JointReading, KukaReader, StateReader, UrReader};
@@ -252,6 +256,10 @@ pub trait Device: Send {
     fn waits(&self) -> bool {
         true
     }
+
+    /// Gives it what makes keep-alives while nobody steps it. Does nothing where its time passes in
+    /// [`step`](Self::step) only.
+    fn keep_alive(&mut self, _keep_alives: &KeepAlives) {}
 }
 
 impl<D: Device + ?Sized> Device for Box<D> {
@@ -281,6 +289,10 @@ impl<D: Device + ?Sized> Device for Box<D> {
 
     fn monitor(&self) -> Option<native::Monitor> {
         (**self).monitor()
+    }
+
+    fn keep_alive(&mut self, keep_alives: &KeepAlives) {
+        (**self).keep_alive(keep_alives);
     }
 }
 

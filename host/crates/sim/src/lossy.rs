@@ -218,6 +218,10 @@ impl<D: Device> Device for LossyDevice<D> {
     fn monitor(&self) -> Option<spherecal_link::native::Monitor> {
         self.inner.monitor()
     }
+
+    fn keep_alive(&mut self, keep_alives: &spherecal_link::KeepAlives) {
+        self.inner.keep_alive(keep_alives);
+    }
 }
 
 #[cfg(test)]

@@ -139,3 +139,24 @@ fn long_a_slow_disk_stops_no_arm() {
     job.finished(&[&session], &[]);
     assert!(slow.is_empty(), "{slow:?}");
 }
+
+// Fails if a program that is held up for 6 s (by a terminal that takes no text, a plan, a disk) lets the controller think
+// that its host is gone, in a coupling, a turn and a recording; or if what it asks for then is late from the start.
+#[test]
+#[ignore = "long: 1 minute of real time"]
+fn long_a_host_that_is_held_up_stops_no_arm() {
+    let config = short("panda", 4);
+    let (_robot, link) = panda(&config);
+    let job = Job::over(&config, link);
+    let mut held = vec![Phase::Recording, Phase::Turning, Phase::Coupling, Phase::Moving];
+    let session = job.measure(false, &mut |now| {
+        if held.last() == Some(&now.phase) {
+            held.pop();
+            eprintln!("  {:?}: held up", now.phase);
+            std::thread::sleep(Duration::from_secs(6));
+        }
+    });
+    session.well();
+    job.finished(&[&session], &[]);
+    assert!(held.is_empty(), "{held:?}");
+}

@@ -14,7 +14,7 @@ impl Session<'_> {
         self.joints = joints;
         self.in_handshake = true;
         let session = self.endpoint.next_session();
-        self.store(|journal| journal.handshake(session))?;
+        self.journal.handshake(session)?;
         if let Err(error) = self.order("answer the handshake", Command::Hello) {
             // A controller that does not understand the handshake may still state why.
             return match (self.check_identity(joints), error) {
@@ -58,7 +58,7 @@ impl Session<'_> {
         self.changed_us = 0;
         self.in_handshake = true;
         let session = self.endpoint.next_session();
-        self.store(|journal| journal.handshake(session))?;
+        self.journal.handshake(session)?;
         let sequence = self.endpoint.send(Command::Hello);
         self.reply = None;
         while self.banner.is_none() || self.reply.is_none_or(|(number, _)| number != sequence) {

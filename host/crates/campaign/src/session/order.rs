@@ -157,17 +157,17 @@ impl Session<'_> {
         }
     }
 
-    /// Fails if `limit_s` (s) have passed since `start_us`, or if the controller is silent. What has arrived and was not
-    /// handled yet comes first: after a slow disk it may be the answer.
+    /// Fails if `limit_s` (s) have passed between `start_us` and the last exchange, or if the controller is silent. What
+    /// has arrived and was not handled yet comes first: after a slow disk it may be the answer.
     fn check_time(&self, start_us: u64, limit_s: f64, what: impl FnOnce() -> String) -> Result<(), CampaignError> {
-        if !self.inbox.is_empty() || !self.late.is_empty() {
+        if !self.inbox.is_empty() {
             return Ok(());
         }
-        let silent_s = self.now_us().saturating_sub(self.alive_us) as f64 * 1e-6;
+        let silent_s = self.exchanged_us.saturating_sub(self.alive_us) as f64 * 1e-6;
         if self.banner.is_some() && silent_s > LOST_S {
             return Err(CampaignError::Lost { silent_s });
         }
-        if self.now_us().saturating_sub(start_us) as f64 * 1e-6 > limit_s {
+        if self.exchanged_us.saturating_sub(start_us) as f64 * 1e-6 > limit_s {
             return Err(CampaignError::Timeout {
                 what: what(),
                 limit_s,

@@ -22,6 +22,7 @@ use serde_json::{Value, json};
 use spherecal_shared::protocol::host::{Phase, Sample};
 
 use super::quaternion::Quaternion;
+use crate::force::WrenchError;
 
 /// A message type of the telemetry file.
 pub(super) trait TelemetryMessage: Serialize {
@@ -153,6 +154,9 @@ pub struct StampedWrench<'a> {
     pub magnitude: f32,
     /// Force and torque.
     pub wrench: ForceTorque,
+    /// Their standard uncertainties, from the errors of the torque sensors; older files have none.
+    #[serde(default)]
+    pub uncertainty: Option<ForceTorque>,
 }
 
 /// A force and a torque.
@@ -165,8 +169,8 @@ pub struct ForceTorque {
 }
 
 impl<'a> StampedWrench<'a> {
-    /// From a sample; `f0` is the name of F0.
-    pub(super) fn new(timestamp: Stamp, f0: &'a str, sample: &Sample) -> Self {
+    /// From a sample and how well its torques tell the wrench; `f0` is the name of F0.
+    pub(super) fn new(timestamp: Stamp, f0: &'a str, sample: &Sample, error: &WrenchError) -> Self {
         Self {
             timestamp,
             frame_id: f0.into(),
@@ -175,6 +179,10 @@ impl<'a> StampedWrench<'a> {
                 force: sample.force_n.into(),
                 torque: sample.torque_nm.into(),
             },
+            uncertainty: Some(ForceTorque {
+                force: error.force_n.into(),
+                torque: error.torque_nm.into(),
+            }),
         }
     }
 }
@@ -183,8 +191,9 @@ impl TelemetryMessage for StampedWrench<'_> {
     const TOPIC: &'static str = "/wrench";
     const SCHEMA: &'static str = "geometry_msgs/WrenchStamped";
     fn properties() -> Value {
+        let wrench = json!({ "type": "object", "properties": { "force": Xyz::schema(), "torque": Xyz::schema() } });
         json!({ "timestamp": Stamp::schema(), "frame_id": { "type": "string" }, "magnitude": { "type": "number" },
-                "wrench": { "type": "object", "properties": { "force": Xyz::schema(), "torque": Xyz::schema() } } })
+                "wrench": wrench, "uncertainty": wrench })
     }
 }
 

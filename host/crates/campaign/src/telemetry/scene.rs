@@ -17,6 +17,7 @@ use spherecal_shared::robot::Tool;
 
 use super::messages::{Stamp, TelemetryMessage};
 use super::quaternion::{Quaternion, rounded};
+use crate::force::{ForceSense, WrenchError};
 
 /// The nominal robot with its tool, as telemetry describes it.
 #[derive(Clone, Debug)]
@@ -26,6 +27,7 @@ pub struct DrawnArm {
     /// Its description.
     pub(super) urdf: String,
     chain: Chain,
+    sense: ForceSense,
 }
 
 impl DrawnArm {
@@ -35,12 +37,18 @@ impl DrawnArm {
             frames: model.frame_tree(tool),
             urdf: write_urdf(model, &model.rows(), &[]),
             chain: Chain::unchecked(&model.robot, tool),
+            sense: ForceSense::new(&model.robot, tool),
         }
     }
 
     /// Joint angles (rad) of a sample.
     pub(super) fn angles(&self, sample: &Sample) -> Vec<f64> {
         sample.q.iter().take(self.chain.dof()).map(|q| f64::from(*q)).collect()
+    }
+
+    /// How well the torques of a sample tell its wrench.
+    pub(super) fn wrench_error(&self, sample: &Sample) -> WrenchError {
+        self.sense.error(sample)
     }
 
     /// Rotation of the TCP's frame in F0 at joint angles `q` (rad).

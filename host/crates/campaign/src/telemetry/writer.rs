@@ -129,7 +129,7 @@ impl<W: Write + Seek> TelemetryWriter<W> {
         let q = self.arm.angles(sample);
         let f0 = self.arm.frames.f0();
         let joint_states = serde_json::to_vec(&JointStates::new(stamp, self.arm.frames.joint_names(), sample))?;
-        let wrench = serde_json::to_vec(&StampedWrench::new(stamp, f0, sample))?;
+        let wrench = serde_json::to_vec(&StampedWrench::new(stamp, f0, sample, &self.arm.wrench_error(sample)))?;
         let orientation = self.arm.tcp_orientation(&q);
         let tcp = serde_json::to_vec(&Tcp::new(stamp, f0, sample, orientation))?;
         let device_time = Stamp::from_ns(at.device_us.saturating_mul(1000));

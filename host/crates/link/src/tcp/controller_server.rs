@@ -14,7 +14,8 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
-use spherecal_shared::protocol::frame::MAX_FRAME;
+use spherecal_shared::protocol::frame::{MAX_FRAME, Message as _};
+use spherecal_shared::protocol::host::Downlink;
 
 use super::TcpError;
 use super::greeting::{SILENT, WHO, gives_way, hello_frame};
@@ -27,9 +28,9 @@ pub use super::real_time_hosts::HostService;
 
 /// How long a host in lock-step may take to read.
 const READ: Duration = Duration::from_secs(5);
-/// How often a silent host in lock-step is looked after.
+/// How often a silent host in lock-step is looked after, once it has earned its place.
 const LOOK: Duration = Duration::from_millis(250);
-/// How often those who wait are looked after while no host is served.
+/// How often those who wait are looked after while no host has earned the place.
 const IDLE: Duration = Duration::from_millis(5);
 /// Serves one host after the other; with `once` it returns when the first that got the place has disconnected. `told`
 /// is given the reason for which a host was disconnected.
@@ -61,7 +62,7 @@ fn serve(
     told: &mut dyn FnMut(&TcpError),
 ) -> Result<(), LinkError> {
     if cell.hello().lock_step {
-        let mut lobby = Lobby::new(WHO);
+        let mut lobby = Lobby::new(WHO, Some(Downlink::KEY));
         let mut next = None;
         loop {
             let candidate = match next.take() {
@@ -100,7 +101,7 @@ fn own_host(cell: &LocalDevice, listener: &TcpListener) -> Result<Candidate, Lin
     let (mut stream, address) = listener.accept().map_err(failed)?;
     stream.set_nodelay(true).map_err(failed)?;
     stream.write_all(&hello_frame(cell)?).map_err(failed)?;
-    Ok(Candidate::new(stream, address))
+    Ok(Candidate::new(stream, address, Some(Downlink::KEY)))
 }
 
 /// Waits for a host that sends something: a valid frame, or else anything.
@@ -166,7 +167,7 @@ impl TurnHost {
             peer: format!("{WHO} at {}", candidate.address),
             silent,
             turns,
-            watch: FrameWatch::default(),
+            watch: FrameWatch::of::<Downlink>(),
             heard: Instant::now(),
             begun: None,
             proven: silent.is_none(),
@@ -178,7 +179,10 @@ impl TurnHost {
             .stream
             .set_nonblocking(false)
             .and_then(|()| self.stream.set_write_timeout(Some(READ)))
-            .and_then(|()| self.stream.set_read_timeout(Some(LOOK)));
+            .and_then(|()| {
+                self.stream
+                    .set_read_timeout(Some(if self.proven { LOOK } else { IDLE }))
+            });
         if let Err(error) = set {
             return Ok(self.broken(error).into());
         }
@@ -187,7 +191,12 @@ impl TurnHost {
         loop {
             while let Some(down) = self.turns.next() {
                 if self.watch.look(down) {
-                    (self.heard, self.proven) = (Instant::now(), true);
+                    self.heard = Instant::now();
+                    if !std::mem::replace(&mut self.proven, true)
+                        && let Err(error) = self.stream.set_read_timeout(Some(LOOK))
+                    {
+                        return Ok(self.broken(error).into());
+                    }
                 }
                 if let Err(reason) = self.watch.progress.check(&self.peer) {
                     return Ok(reason.into());

@@ -3,6 +3,7 @@
 use std::io::{Read as _, Write as _};
 use std::net::TcpListener;
 
+use crate::tcp::conform::tests::Still;
 use spherecal_shared::protocol::frame::{self, MAX_FRAME, Message};
 
 use super::*;
@@ -113,4 +114,56 @@ fn a_wrong_variant_is_told_with_its_field() {
     let address = drive_that_sends(&[framed(&wrong)]);
     let said = TcpDrive::connect(&address).err().expect("refused").to_string();
     assert!(said.contains("torque_sign does not decode"), "{said}");
+}
+
+/// An arm in a machine that once holds its drive up, for 30 ms.
+struct HeldUp(Still, u64);
+
+impl Drive for HeldUp {
+    fn hello(&self) -> &DriveHello {
+        self.0.hello()
+    }
+
+    fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
+        self.1 += 1;
+        if self.1 == 100 {
+            std::thread::sleep(Duration::from_millis(30));
+        }
+        self.0.exchange(command, state)
+    }
+}
+
+// Fails if the clock of a drive in real time slips when its machine holds it up: each later state is late then, and a
+// controller takes no late state.
+#[test]
+fn a_drive_in_real_time_keeps_its_clock() {
+    let (listener, address) = crate::tcp::listen("0").expect("a free port");
+    std::thread::spawn(move || {
+        let _ = crate::tcp::DriveServer::new(Box::new(HeldUp(Still::new(), 0)), true).serve(&listener);
+    });
+    let mut stream = std::net::TcpStream::connect(address).expect("connects");
+    let (mut accumulator, mut buffer) = (frame::Accumulator::new(), [0; 1 << 12]);
+    let (mut first, mut kept, begun) = (None, false, std::time::Instant::now());
+    while !kept {
+        assert!(begun.elapsed() < Duration::from_mins(1), "the clock has slipped");
+        let count = std::io::Read::read(&mut stream, &mut buffer).expect("states");
+        if count == 0 {
+            // It leaves a controller that says nothing after 5 s.
+            panic!("the clock has slipped");
+        }
+        for byte in &buffer[..count] {
+            accumulator.push(*byte, &mut |bytes| {
+                let Ok((header, state)) = bytes.and_then(frame::decode::<DriveState>) else {
+                    return;
+                };
+                // The first state has the time of a greeting.
+                if state.tick < 2 {
+                    return;
+                }
+                let behind_us = header.time_us as i64 - 1000 * state.tick as i64;
+                let first = *first.get_or_insert(behind_us);
+                kept |= state.tick > 110 && behind_us - first < 15_000;
+            });
+        }
+    }
 }

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use spherecal_shared::protocol::frame::{self, Accumulator};
+use spherecal_shared::protocol::frame::{self, Accumulator, Message};
 
 use super::TcpError;
 
@@ -70,17 +70,36 @@ impl FrameGap {
 }
 
 /// Looks for valid frames in bytes that somebody else decodes.
-#[derive(Default)]
 pub(super) struct FrameWatch {
+    /// Key of the message that the peer is to send; `None`: whoever decodes it closes the connection for another one.
+    key: Option<[u8; 8]>,
     accumulator: Accumulator,
     pub(super) progress: FrameGap,
 }
 
 impl FrameWatch {
-    /// Looks at bytes; whether a valid frame came. Zero bytes alone (end marks) are no progress, and no noise: a host
+    /// Nothing has come yet from a peer that is to send messages of this type.
+    pub(super) fn of<M: Message>() -> Self {
+        Self::for_key(Some(M::KEY))
+    }
+
+    pub(super) fn for_key(key: Option<[u8; 8]>) -> Self {
+        Self {
+            key,
+            accumulator: Accumulator::default(),
+            progress: FrameGap::default(),
+        }
+    }
+
+    /// Looks at bytes; whether a valid frame with the message came. One with another message is progress: a peer of another
+    /// version is told so. Zero bytes alone (end marks) are no progress, and no noise: a host
     /// that waits sends one each period.
     pub(super) fn look(&mut self, bytes: &[u8]) -> bool {
-        let Self { accumulator, progress } = self;
+        let Self {
+            key,
+            accumulator,
+            progress,
+        } = self;
         let mut valid = false;
         let told = bytes.iter().filter(|byte| **byte != 0).count();
         if told > 0 {
@@ -88,8 +107,8 @@ impl FrameWatch {
         }
         for byte in bytes {
             accumulator.push(*byte, &mut |frame| match frame.and_then(frame::open) {
-                Ok(_) => {
-                    valid = true;
+                Ok((header, _)) => {
+                    valid |= key.is_none_or(|key| header.key == key);
                     progress.valid();
                 }
                 Err(_) => progress.damaged(),
@@ -138,13 +157,15 @@ impl Rate {
 
 #[cfg(test)]
 mod tests {
+    use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
+
     use super::*;
 
-    // Fails if noise is taken for progress, if end marks alone are taken for noise, or if a frame
-    // does not end the count.
+    // Fails if noise is taken for progress, if end marks alone are taken for noise, if a frame does not end the count, or
+    // if one with another message earns a place.
     #[test]
     fn only_valid_frames_are_progress() {
-        let mut watch = FrameWatch::default();
+        let mut watch = FrameWatch::of::<DriveState>();
         watch.look(&[0; 64]);
         assert!(watch.progress.left().is_none(), "end marks are no noise");
         let noise = vec![7; NO_FRAME_BYTES / 2];
@@ -159,9 +180,12 @@ mod tests {
             said.contains("the host at a") && said.contains("2 damaged") && said.contains("no valid frame"),
             "{said}"
         );
-        let state = spherecal_shared::protocol::drive::DriveState::default();
         let mut out = [0; frame::MAX_FRAME];
-        let length = frame::encode(&state, 0, 0, &mut out).expect("it fits");
+        let other = frame::encode(&DriveCommand::default(), 0, 0, &mut out).expect("it fits");
+        watch.look(&[0]);
+        assert!(!watch.look(&out[..other]));
+        assert!(watch.progress.left().is_none());
+        let length = frame::encode(&DriveState::default(), 0, 0, &mut out).expect("it fits");
         watch.look(&[0]);
         assert!(watch.look(&out[..length]));
         assert!(watch.progress.left().is_none() && watch.progress.check("a").is_ok());

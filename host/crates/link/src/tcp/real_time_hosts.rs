@@ -4,7 +4,8 @@ use std::io::{ErrorKind, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
-use spherecal_shared::protocol::frame::MAX_FRAME;
+use spherecal_shared::protocol::frame::{MAX_FRAME, Message as _};
+use spherecal_shared::protocol::host::Downlink;
 
 use super::TcpError;
 use super::greeting::{SILENT, WHO, gives_way, hello_frame};
@@ -48,7 +49,7 @@ impl<'a> HostService<'a> {
             .map_err(|e| TcpError::of("the host link", e))?;
         Ok(Self {
             listener,
-            lobby: Lobby::new(WHO),
+            lobby: Lobby::new(WHO, Some(Downlink::KEY)),
             greeting: Vec::new(),
             host: None,
             silent,
@@ -101,7 +102,10 @@ impl<'a> HostService<'a> {
                     stream.set_nodelay(true).map_err(failed)?;
                     stream.write_all(&self.greeting).map_err(failed)?;
                     stream.set_nonblocking(true).map_err(failed)?;
-                    self.host = Some(Host::new(Candidate::new(stream, address), self.silent));
+                    self.host = Some(Host::new(
+                        Candidate::new(stream, address, Some(Downlink::KEY)),
+                        self.silent,
+                    ));
                 }
                 Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
                 Err(e) => return Err(TcpError::of(WHO, e).into()),
@@ -149,7 +153,7 @@ impl Host {
             backlog: Vec::with_capacity(BACKLOG + UP + 1),
             peer: format!("{WHO} at {}", candidate.address),
             silent,
-            watch: FrameWatch::default(),
+            watch: FrameWatch::of::<Downlink>(),
             heard: Instant::now(),
             stuck: None,
             early: candidate.bytes,

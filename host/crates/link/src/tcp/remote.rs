@@ -6,6 +6,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use spherecal_shared::protocol::drive::DriveHello;
+use spherecal_shared::protocol::host::Uplink;
 
 use super::controller_server::serve_own_host;
 use super::progress::{FrameWatch, NO_FRAME};
@@ -25,7 +26,14 @@ const HELLO: Duration = Duration::from_secs(15);
 const LOOK: Duration = Duration::from_millis(500);
 
 /// A controller process, reached over its host link.
+///
+/// A controller disconnects a host that was silent for 5 s, holds the arm, and serves whoever comes next. So a host that
+/// was held up connects again and goes on; its session is the same.
 pub struct Remote {
+    /// Where it connects again; `None` if the controller ends with the connection.
+    address: Option<String>,
+    /// Whether a period has come over this connection.
+    heard: bool,
     stream: TcpStream,
     peer: String,
     hello: DriveHello,
@@ -43,6 +51,12 @@ impl Remote {
     /// # Errors
     /// Nothing answers there, or its drive belongs to another robot.
     pub fn connect(address: &str, joints: usize) -> Result<Self, LinkError> {
+        let mut this = Self::connect_once(address, joints)?;
+        this.address = Some(address.to_owned());
+        Ok(this)
+    }
+
+    fn connect_once(address: &str, joints: usize) -> Result<Self, LinkError> {
         let mut wire = Wire::connect(address)?;
         let peer = wire.peer.clone();
         let hello: DriveHello = match wire.wait_for("the hello of a controller's drive", HELLO) {
@@ -55,15 +69,36 @@ impl Remote {
         let mut turns = Turns::default();
         turns.push(&rest);
         Ok(Self {
+            address: None,
+            heard: false,
             stream,
             peer,
             hello,
             turns,
-            watch: FrameWatch::default(),
+            watch: FrameWatch::of::<Uplink>(),
             buffer: vec![0; 1 << 14],
             out: Vec::new(),
             ticks: 0,
         })
+    }
+
+    /// Connects again after the controller has closed the connection. Returns whether the same controller answers: one
+    /// with another drive is another, and one that closes the connection at once is not asked twice.
+    fn connect_again(&mut self) -> bool {
+        let Some(address) = self.address.clone().filter(|_| self.heard) else {
+            return false;
+        };
+        let Ok(again) = Self::connect(&address, self.hello.limits.len()) else {
+            return false;
+        };
+        if again.hello != self.hello {
+            return false;
+        }
+        *self = Self {
+            ticks: self.ticks,
+            ..again
+        };
+        true
     }
 
     /// The hello of the controller's drive.
@@ -92,10 +127,19 @@ impl Device for Remote {
     }
 
     fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        match self.turn(down, up) {
+            Err(error) if error.is_closed() && self.connect_again() => Ok(self.turn(down, up)?),
+            other => Ok(other?),
+        }
+    }
+}
+
+impl Remote {
+    /// One period over the present connection.
+    fn turn(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), TcpError> {
         self.out.clear();
         self.out.extend_from_slice(down);
         self.out.push(0);
-        let failed = |peer: &str, e| LinkError::from(TcpError::of(peer, e));
         let begin = Instant::now();
         let mut at = 0;
         while at < self.out.len() {
@@ -106,12 +150,11 @@ impl Device for Remote {
                     return Err(TcpError::Deaf {
                         peer: self.peer.clone(),
                         seconds: begin.elapsed().as_secs(),
-                    }
-                    .into());
+                    });
                 }
                 other => {
                     let error = other.err().unwrap_or_else(|| ErrorKind::BrokenPipe.into());
-                    return Err(failed(&self.peer, error));
+                    return Err(TcpError::of(&self.peer, error));
                 }
             }
         }
@@ -122,6 +165,7 @@ impl Device for Remote {
                 self.watch.progress.check(&self.peer)?;
                 up.extend_from_slice(turn);
                 self.ticks += 1;
+                self.heard = true;
                 return Ok(());
             }
             // A turn in parts may take as long as a frame; silence as long as the drive.
@@ -130,23 +174,20 @@ impl Device for Remote {
                 return Err(TcpError::Endless {
                     peer: self.peer.clone(),
                     bytes: self.turns.waiting(),
-                }
-                .into());
+                });
             }
             if self.turns.waiting() == 0 && waited >= TURN {
                 return Err(TcpError::Silent {
                     peer: self.peer.clone(),
                     seconds: waited.as_secs(),
                     damaged: 0,
-                }
-                .into());
+                });
             }
             match self.stream.read(&mut self.buffer) {
                 Ok(0) => {
                     return Err(TcpError::Closed {
                         peer: self.peer.clone(),
-                    }
-                    .into());
+                    });
                 }
                 Ok(count) => {
                     self.turns.push(self.buffer.get(..count).unwrap_or_default());
@@ -157,7 +198,7 @@ impl Device for Remote {
                         e.kind(),
                         ErrorKind::Interrupted | ErrorKind::WouldBlock | ErrorKind::TimedOut
                     ) => {}
-                Err(e) => return Err(failed(&self.peer, e)),
+                Err(e) => return Err(TcpError::of(&self.peer, e)),
             }
         }
     }
@@ -199,7 +240,7 @@ impl Threaded {
             thread: Some(thread),
             monitor,
         };
-        match Remote::connect(&address.to_string(), joints) {
+        match Remote::connect_once(&address.to_string(), joints) {
             Ok(remote) => this.remote = Some(remote),
             Err(error) => return Err(this.reason(error)),
         }

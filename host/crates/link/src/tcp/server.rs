@@ -15,6 +15,10 @@ use crate::{Drive, LinkError};
 /// Periods without a command after which a real-time drive closes its brakes. Until then the last
 /// torque is kept.
 const HELD_PERIODS: u32 = 10;
+/// How far a drive in real time may fall behind its clock and catch up, as the clock of a real drive goes on. A clock that
+/// slips makes each later state late: the controller allows a drift of 1 ms in a second. A longer stop is one of the
+/// machine.
+const BEHIND: Duration = Duration::from_secs(1);
 /// What the peers are called.
 const WHO: &str = "the controller";
 /// How long a controller may be silent: in real time at all, in lock-step if another one sends a command.
@@ -57,7 +61,7 @@ impl DriveServer {
         Self {
             drive,
             real_time,
-            lobby: Lobby::new(WHO),
+            lobby: Lobby::new(WHO, None),
             next: None,
             state: None,
         }
@@ -65,8 +69,9 @@ impl DriveServer {
 
     /// Waits for a controller and serves it until it disconnects.
     ///
-    /// In lock-step a controller earns the place by its first command. One that is silent for 5 s then gives way to
-    /// another that sends a command.
+    /// A controller earns the place by its first command. In lock-step one that is silent for 5 s then gives way to
+    /// another that sends a command. In real time the states come from the beginning on, and one that has not earned the
+    /// place gives way at once.
     ///
     /// # Errors
     /// The drive fails, or the controller sends bytes that are not a command. A controller that
@@ -75,16 +80,6 @@ impl DriveServer {
         let mut hello = self.drive.hello().clone();
         hello.lock_step = !self.real_time;
         let mut service = ConnectionCounts::default();
-        if self.real_time {
-            listener.set_nonblocking(false).map_err(|e| TcpError::of(WHO, e))?;
-            let (stream, peer) = listener.accept().map_err(|e| TcpError::of(WHO, e))?;
-            let mut wire = Wire::new(stream, format!("{WHO} at {peer}"))?;
-            let result = wire
-                .send(&hello, 0)
-                .map_err(LinkError::from)
-                .and_then(|()| self.in_real_time(&mut wire, &hello, &mut service));
-            return counted(result, &wire, service);
-        }
         let mut state = if let Some(state) = self.state.take() {
             state
         } else {
@@ -98,9 +93,13 @@ impl DriveServer {
         };
         let mut wire = Wire::resume(candidate, WHO)?;
         wire.has_sent(GREETING);
-        let result = self.in_lock_step(&mut wire, listener, &hello, &mut state, &mut service);
-        if self.next.is_some() {
-            // It was greeted with this state.
+        let result = if self.real_time {
+            self.in_real_time(&mut wire, listener, &hello, &mut state, &mut service)
+        } else {
+            self.in_lock_step(&mut wire, listener, &hello, &mut state, &mut service)
+        };
+        if self.next.is_some() || service.commands == 0 {
+            // Whoever waits was greeted with this state, in lock-step; in real time the arm has stood still since.
             self.state = Some(state);
         } else {
             self.lobby.dismiss();
@@ -108,7 +107,8 @@ impl DriveServer {
         counted(result, &wire, service)
     }
 
-    /// The next controller that sends a command; `None` if one has disconnected before.
+    /// The next controller that sends a command, or in real time one that has only connected; `None` if one has
+    /// disconnected before.
     fn earned(
         &mut self,
         listener: &TcpListener,
@@ -127,9 +127,37 @@ impl DriveServer {
                     self.state = Some(state.clone());
                     return Err(reason.into());
                 }
-                Look::Nothing => std::thread::sleep(LOOK),
+                Look::Nothing => {
+                    if self.real_time
+                        && let Some(candidate) = self.lobby.first()
+                    {
+                        return Ok(Some(candidate));
+                    }
+                    std::thread::sleep(LOOK);
+                }
             }
         }
+    }
+
+    /// Fails if another controller has sent a command: this one gives way.
+    fn give_way(
+        &mut self,
+        peer: &str,
+        listener: &TcpListener,
+        hello: &DriveHello,
+        state: &DriveState,
+        since: Instant,
+    ) -> Result<(), LinkError> {
+        let Look::Spoke(next) = self.lobby.look(listener, &greeting(hello, state)?)? else {
+            return Ok(());
+        };
+        self.next = Some(next);
+        Err(TcpError::Gone {
+            peer: peer.to_owned(),
+            what: "it gives way to another controller",
+            seconds: since.elapsed().as_secs(),
+        }
+        .into())
     }
 
     fn in_lock_step(
@@ -146,23 +174,22 @@ impl DriveServer {
             let late = service.late;
             let begin = Instant::now();
             let command = loop {
-                let Some((_, mut command)) = wire.expect::<DriveCommand>("a drive command")? else {
-                    if begin.elapsed() >= SILENT
-                        && let Look::Spoke(next) = self.lobby.look(listener, &greeting(hello, state)?)?
-                    {
-                        self.next = Some(next);
-                        return Err(TcpError::Gone {
-                            peer: wire.peer.clone(),
-                            what: "it gives way to another controller",
-                            seconds: begin.elapsed().as_secs(),
+                let came = match wire.expect::<DriveCommand>("a drive command")? {
+                    Some((_, mut command)) => {
+                        check_session(wire, hello, &mut command)?;
+                        if command.tick == state.tick {
+                            break command;
                         }
-                        .into());
+                        true
                     }
-                    continue;
+                    None => false,
                 };
-                check_session(wire, hello, &mut command)?;
-                if command.tick == state.tick {
-                    break command;
+                // One whose commands answer no state has earned no place.
+                if service.commands == 0 || begin.elapsed() >= SILENT {
+                    self.give_way(&wire.peer, listener, hello, state, begin)?;
+                }
+                if !came {
+                    continue;
                 }
                 service.late += 1;
                 if service.late - late > LATE {
@@ -186,14 +213,15 @@ impl DriveServer {
     fn in_real_time(
         &mut self,
         wire: &mut Wire,
+        listener: &TcpListener,
         hello: &DriveHello,
+        state: &mut DriveState,
         service: &mut ConnectionCounts,
     ) -> Result<(), LinkError> {
         wire.never_wait()?;
         let period = Duration::from_micros(u64::from(hello.period_us));
         let start = Instant::now();
         let mut due = start;
-        let mut state = DriveState::default();
         let mut last: Option<DriveCommand> = None;
         let mut silent = HELD_PERIODS;
         let (mut rate, mut heard) = (Rate::new(period), start);
@@ -202,11 +230,12 @@ impl DriveServer {
             while let Some((_, mut command)) = wire.expect::<DriveCommand>("a drive command")? {
                 rate.count(&wire.peer, "drive commands")?;
                 heard = Instant::now();
-                if last.as_ref().is_some_and(|last| command.tick <= last.tick) {
+                check_session(wire, hello, &mut command)?;
+                // It answers an older state, or one that has not been yet.
+                if command.tick > state.tick || last.as_ref().is_some_and(|last| command.tick <= last.tick) {
                     service.late += 1;
                     continue;
                 }
-                check_session(wire, hello, &mut command)?;
                 fresh = true;
                 last = Some(command);
             }
@@ -217,6 +246,12 @@ impl DriveServer {
                 silent = silent.saturating_add(1);
                 service.missing += 1;
             }
+            if last.is_some() {
+                // Whoever waits was greeted with a state that is old now.
+                self.lobby.dismiss();
+            } else {
+                self.give_way(&wire.peer, listener, hello, state, start)?;
+            }
             if heard.elapsed() >= SILENT && !wire.is_noisy() {
                 return Err(TcpError::Gone {
                     peer: wire.peer.clone(),
@@ -226,19 +261,18 @@ impl DriveServer {
                 .into());
             }
             let held = silent < HELD_PERIODS;
-            self.drive.exchange(last.as_ref().filter(|_| held), &mut state)?;
+            self.drive.exchange(last.as_ref().filter(|_| held), state)?;
             if last.is_some() && !held {
                 // The controller was lost: close the brakes and report it.
                 state.status = DriveStatus::Disabled;
             }
             let time_us = u64::try_from(start.elapsed().as_micros()).unwrap_or(u64::MAX);
-            wire.send(&state, time_us)?;
+            wire.send(state, time_us)?;
             due += period;
             let now = Instant::now();
             if now < due {
                 std::thread::sleep(due - now);
-            } else if now > due + period {
-                // Behind schedule: simulated time then runs slower, never in a burst.
+            } else if now > due + BEHIND {
                 due = now;
             }
         }

@@ -31,7 +31,7 @@ fn run_until(
         let (mut down, mut up, mut arrived) = (Vec::new(), Vec::new(), Vec::new());
         host.transmit(cell.now_us(), &mut down).expect("framed");
         cell.step(&down, &mut up).expect("the link lives");
-        let stored: Result<(), ()> = host.receive(&up, &mut arrived, |_, _| Ok(()));
+        let stored: Result<(), ()> = host.receive(&up, &mut arrived, |_| Ok(()));
         stored.expect("nothing to store");
         arrived.iter().any(&wanted)
     })

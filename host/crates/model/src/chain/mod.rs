@@ -7,7 +7,7 @@
 mod error;
 mod ik;
 
-use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Matrix6xX, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 use spherecal_shared::robot::elbow::elbow;
 use spherecal_shared::robot::kinematics::frames_into;
 use spherecal_shared::robot::{JointLimits, LinkTransform, MdhRow, Pose, Robot, Tool};
@@ -110,6 +110,12 @@ impl Chain {
     /// The TCP in F0 for frames of this chain, in m.
     pub fn tcp_of(&self, frames: &[Pose<f64>]) -> Vector3<f64> {
         frames.last().map_or(self.tcp, |flange| flange.point(&self.tcp))
+    }
+
+    /// Jacobian of the TCP at `q` (rad): rows 0-2 position (m), 3-5 rotation (rad); a column for each joint.
+    pub fn tcp_jacobian(&self, q: &[f64]) -> Matrix6xX<f64> {
+        let jacobian = self.jacobian(&self.posture::<MAX_CHAIN>(q), false);
+        Matrix6xX::from_fn(self.dof(), |row, joint| jacobian[(row, joint)])
     }
 
     /// Smallest singular value of the 6 x n TCP Jacobian at `q` (m and rad).

@@ -95,9 +95,15 @@ fn table(rows: &[Period], joints: usize) -> ExportTable {
         }
     }
     type Vector = fn(&Period) -> Option<Xyz>;
-    let vectors: [(&str, &str, Vector); 4] = [
+    let vectors: [(&str, &str, Vector); 6] = [
         ("force", "n", |r| r.wrench.as_ref().map(|w| w.wrench.force)),
         ("torque", "nm", |r| r.wrench.as_ref().map(|w| w.wrench.torque)),
+        ("force_uncertainty", "n", |r| {
+            Some(r.wrench.as_ref()?.uncertainty?.force)
+        }),
+        ("torque_uncertainty", "nm", |r| {
+            Some(r.wrench.as_ref()?.uncertainty?.torque)
+        }),
         ("tcp", "m", |r| r.tcp.as_ref().map(|t| t.pose.position)),
         ("setpoint", "m", |r| r.tcp.as_ref().map(|t| t.setpoint)),
     ];

@@ -141,6 +141,7 @@ fn messages_go_round() {
         tau: vec![],
         tcp_m: [0.1, 0.2, 0.3],
         force_n: [0.0, 0.0, 7.5],
+        force_is_vague: false,
         forces: vec![(1.23, 4.56)],
         real_time: Some(RealTime {
             cycles: 1000,

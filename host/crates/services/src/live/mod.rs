@@ -88,7 +88,10 @@ pub struct Frame {
     pub tcp_m: [f32; 3],
     /// Estimated contact force, in F0, in N.
     pub force_n: [f32; 3],
-    /// Device time (s) and magnitude of the force (N) since the previous frame.
+    /// Whether that force says nothing, because the arm is near a singular posture.
+    #[serde(default)]
+    pub force_is_vague: bool,
+    /// Device time (s) and magnitude of the force (N) since the previous frame, where it is no such force.
     pub forces: Vec<(f64, f32)>,
     /// How well the real-time loop keeps its period, if the run drives a robot over its own interface.
     #[serde(default)]

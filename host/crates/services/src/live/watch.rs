@@ -10,7 +10,7 @@ use tokio::sync::mpsc::{self, error::TrySendError};
 
 use super::{End, Frame, LiveContact, LiveScene, RealTime, Scatter, ViewerMessage};
 use spherecal_campaign::telemetry::{ContactTrace, ContactTracer};
-use spherecal_campaign::{CampaignObserver, Progress};
+use spherecal_campaign::{CampaignObserver, ForceSense, Progress};
 use spherecal_link::Arrival;
 
 /// Time between two frames.
@@ -43,6 +43,7 @@ pub struct LiveWatch {
     urgent: VecDeque<ViewerMessage>,
     joints: usize,
     scatter: Scatter,
+    sense: ForceSense,
     progress: Progress,
     sample: Option<Sample>,
     /// Device time of each sample.
@@ -63,6 +64,7 @@ impl LiveWatch {
             urgent: VecDeque::new(),
             joints: robot.dof(),
             scatter: Scatter::new(robot, tool),
+            sense: ForceSense::new(robot, tool),
             progress: Progress::default(),
             sample: None,
             clock: SampleClock::new(),
@@ -111,6 +113,7 @@ impl LiveWatch {
         // A hundredth of a newton is more than a picture shows.
         let force = (sample.force_n.iter().map(|f| f * f).sum::<f32>().sqrt() * 100.0).round() / 100.0;
         match self.points.back_mut() {
+            _ if self.sense.is_vague(sample) => {}
             Some(last) if last.0 / POINT_US == time_us / POINT_US => last.1 = last.1.max(force),
             _ => {
                 if self.points.len() >= POINTS {
@@ -173,6 +176,7 @@ impl LiveWatch {
             tau: signal(|s| &s.tau),
             tcp_m: self.sample.map(|s| s.tcp_m).unwrap_or_default(),
             force_n: self.sample.map(|s| s.force_n).unwrap_or_default(),
+            force_is_vague: self.sample.is_some_and(|sample| self.sense.is_vague(&sample)),
             forces: self.points.iter().map(|&(t, f)| (t as f64 * 1e-6, f)).collect(),
             real_time: p.drive.as_ref().map(RealTime::from),
         };

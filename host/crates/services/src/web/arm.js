@@ -359,7 +359,7 @@ export class ArmView {
   /** The contact force at the tool, 2 cm for a newton. */
   arrow() {
     const force = this.frame?.force_n;
-    if (!force || size(force) < 0.8) return;
+    if (!force || this.frame.force_is_vague || size(force) < 0.8) return;
     const pen = this.pen;
     const from = this.project(this.tip);
     const to = this.project(add(this.tip, mul(force, Math.min(0.02, 0.3 / size(force)))));

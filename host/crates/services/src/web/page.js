@@ -93,7 +93,7 @@ function describe(run) {
   at("faults").className = frame.faults ? "bad" : "";
   say("residual", frame.residual_mm === null ? "–" : `${frame.residual_mm.toFixed(2)} mm`);
   say("time", `${clock(frame.device_s)} (${(frame.device_s / Math.max(frame.wall_s, 0.1)).toFixed(0)}×)`);
-  say("force", `${(run.forces.at(-1)?.[1] ?? 0).toFixed(1)} N`);
+  say("force", frame.force_is_vague ? "unknown near a singular posture" : `${(run.forces.at(-1)?.[1] ?? 0).toFixed(1)} N`);
   say("last-contact", run.contact ? `sphere ${run.contact.trace.sphere}: ${run.contact.force_n.toFixed(1)} N after ${run.contact.travel_mm.toFixed(1)} mm` : "none yet");
   realTime(frame.real_time);
   joints(run);
