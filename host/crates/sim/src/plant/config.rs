@@ -208,7 +208,8 @@ pub struct ComplianceConfig {
     /// Switch.
     pub enabled: bool,
     /// Joint compliance between encoder and link, in rad/(N m): the link lags the encoder by `c
-    /// tau`. Default 3e-6: world W0. (A real iiwa 7 showed 6e-5 with the encoder on the motor side;
+    /// tau`. This one, `joints_rad_per_nm`, elasticity and rotors are those of joints with a torque limit of up to 176 N m;
+    /// the gear of a stronger joint is in proportion stiffer, more damped and heavier. Default 3e-6: world W0. (A real iiwa 7 showed 6e-5 with the encoder on the motor side;
     /// `docs/design/identification.md`.)
     pub joint_rad_per_nm: f64,
     /// Spread between joints: each is drawn from `joint · U(1−s, 1+s)`. Default 0.3 (W0).
