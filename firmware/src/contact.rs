@@ -9,21 +9,60 @@ use nalgebra::{SMatrix, Vector3};
 use spherecal_shared::procedure::{Approach, Seating};
 use spherecal_shared::scalar::sqrt;
 
+/// Time over which the largest force is a mean, in s. A mean of 10 ms passes half the power of a force of 44 Hz and none of
+/// one of 100 Hz.
+const PEAK_S: f64 = 0.010;
+/// Ticks of that time with the shortest control period, 1 ms.
+const PEAK_TICKS: usize = 10;
+
+/// The largest mean force over [`PEAK_S`].
+///
+/// The observer is a low-pass of 60 rad/s: it shows a third of an impact of 10 ms. Its input follows from two of its values,
+/// `u_k = f_k-1 + (f_k - f_k-1) / (pole period)`, because its pole is known. The mean of `u` has no more noise than
+/// 1.7 times the change of `f` over 10 ms.
+#[derive(Clone, Copy, Debug, Default)]
+struct PeakForce {
+    /// The observer's inputs of the last ticks, in N; a ring.
+    inputs: [f64; PEAK_TICKS],
+    next: usize,
+    /// The observer's output of the last tick, in N; none before the first.
+    last: Option<f64>,
+    most: f64,
+}
+
+impl PeakForce {
+    /// Takes the observer's force of one tick (N), its pole (rad/s) and the control period (s).
+    #[inline]
+    fn push(&mut self, force: f64, pole: f64, period_s: f64) {
+        let last = self.last.replace(force).unwrap_or(force);
+        let ticks = ((PEAK_S / period_s + 0.5) as usize).clamp(1, PEAK_TICKS);
+        if let Some(input) = self.inputs.get_mut(self.next) {
+            *input = last + (force - last) / (pole * period_s);
+        }
+        self.next = (self.next + 1) % ticks;
+        let mut sum = 0.0;
+        for input in &self.inputs {
+            sum += input;
+        }
+        self.most = self.most.max(sum / ticks as f64);
+    }
+}
+
 /// The force condition of Algorithm 2, `setForceTrigger(7.5)`. It ignores impacts:
 /// the force must last, and the arm must stand still.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ContactTrigger {
     held: u32,
     early: u32,
-    peak: f64,
+    peak: PeakForce,
 }
 
 impl ContactTrigger {
-    /// Takes one tick: tared force against the approach (N) and TCP speed (m/s).
+    /// Takes one tick: tared force against the approach (N), TCP speed (m/s) and the observer's pole (rad/s).
     /// Returns `true` when contact is declared.
     #[inline]
-    pub(crate) fn push(&mut self, force: f64, speed: f64, settings: &Approach, period_s: f64) -> bool {
-        self.peak = self.peak.max(force);
+    pub(crate) fn push(&mut self, force: f64, speed: f64, settings: &Approach, pole: f64, period_s: f64) -> bool {
+        self.peak.push(force, pole, period_s);
         if force >= settings.trigger_n && speed <= settings.contact_speed_m_s {
             self.held = self.held.saturating_add(1);
             return f64::from(self.held) * period_s >= settings.dwell_s;
@@ -45,9 +84,9 @@ impl ContactTrigger {
         self.early
     }
 
-    /// Largest force against the approach so far, in N.
+    /// Largest mean force over 10 ms against the approach so far, in N.
     pub(crate) fn peak_n(&self) -> f64 {
-        self.peak
+        self.peak.most
     }
 }
 
@@ -135,15 +174,17 @@ mod tests {
     use super::*;
 
     const PERIOD: f64 = 1e-3;
+    /// Pole of the observer, in rad/s.
+    const POLE: f64 = 60.0;
 
     #[test]
     fn the_trigger_wants_its_dwell() {
         let settings = Approach::default();
         let mut trigger = ContactTrigger::default();
         // An impact of 80 N for 15 ms does not trigger; 7.5 N for 20 ms does.
-        assert!((0..15).all(|_| !trigger.push(80.0, 0.0, &settings, PERIOD)));
-        assert!(!trigger.push(0.0, 0.0, &settings, PERIOD));
-        let fired = (0..30).position(|_| trigger.push(7.5, 0.001, &settings, PERIOD));
+        assert!((0..15).all(|_| !trigger.push(80.0, 0.0, &settings, POLE, PERIOD)));
+        assert!(!trigger.push(0.0, 0.0, &settings, POLE, PERIOD));
+        let fired = (0..30).position(|_| trigger.push(7.5, 0.001, &settings, POLE, PERIOD));
         assert_eq!(fired, Some(19));
         assert_eq!((trigger.early_crossings(), trigger.peak_n()), (1, 80.0));
         assert_eq!(trigger.latency_ticks(), 20);
@@ -152,7 +193,32 @@ mod tests {
     #[test]
     fn a_moving_arm_is_not_in_contact() {
         let mut trigger = ContactTrigger::default();
-        assert!((0..100).all(|_| !trigger.push(10.0, 0.025, &Approach::default(), PERIOD)));
+        assert!((0..100).all(|_| !trigger.push(10.0, 0.025, &Approach::default(), POLE, PERIOD)));
+    }
+
+    // Fails if the peak is another than the largest mean over 10 ms of what went into the observer's low-pass, at any period
+    // of a drive.
+    #[test]
+    fn the_peak_is_the_mean_force_of_ten_milliseconds() {
+        for (period, ticks) in [(1e-3, 10), (2e-3, 5), (4e-3, 3)] {
+            let mut trigger = ContactTrigger::default();
+            let (mut low, mut most, mut inputs) = (0.0, 0.0f64, std::vec![0.0; ticks]);
+            for k in 0..200 {
+                let input = 30.0 * libm::sin(f64::from(k * k)) + if k == 40 { 400.0 } else { 0.0 };
+                // The first value only fills the low-pass.
+                let input = if k == 0 { 0.0 } else { input };
+                low += POLE * period * (input - low);
+                trigger.push(low, 1.0, &Approach::default(), POLE, period);
+                inputs.remove(0);
+                inputs.push(input);
+                most = most.max(inputs.iter().sum::<f64>() / ticks as f64);
+            }
+            assert!(
+                (trigger.peak_n() - most).abs() < 1e-9 * most,
+                "{} N, not {most} N",
+                trigger.peak_n()
+            );
+        }
     }
 
     #[test]

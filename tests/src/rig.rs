@@ -14,7 +14,7 @@ use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveHello, DriveState, DriveStatus};
 use spherecal_shared::protocol::host::{ApproachCommand, Command, Event, Phase, PoseCommand, Refusal};
 use spherecal_shared::robot::elbow::elbow;
-use spherecal_shared::robot::{Arm, iiwa7, iiwa7_tool};
+use spherecal_shared::robot::{Arm, Robot, iiwa7, iiwa7_tool};
 
 /// Nominal arm with the calibration tool.
 pub fn nominal() -> Arm<f64, 7> {
@@ -26,8 +26,13 @@ pub fn nominal() -> Arm<f64, 7> {
 ///
 /// # Panics
 /// When it does not converge: the test asked for a pose out of reach.
-pub fn solve(arm: &Arm<f64, 7>, position: &Vector3<f64>, rotation: &Matrix3<f64>, seed: &[f64; 7]) -> [f64; 7] {
-    let mut q = SVector::<f64, 7>::from(*seed);
+pub fn solve<const N: usize>(
+    arm: &Arm<f64, N>,
+    position: &Vector3<f64>,
+    rotation: &Matrix3<f64>,
+    seed: &[f64; N],
+) -> [f64; N] {
+    let mut q = SVector::from(*seed);
     for _ in 0..500 {
         let frames = arm.frames(&q.into());
         let tcp = arm.tcp_frame(&frames);
@@ -37,7 +42,7 @@ pub fn solve(arm: &Arm<f64, 7>, position: &Vector3<f64>, rotation: &Matrix3<f64>
         if error.norm() < 1e-12 {
             return q.into();
         }
-        let j: SMatrix<f64, 6, 7> = arm.jacobian(&frames, &tcp.position);
+        let j: SMatrix<f64, 6, N> = arm.jacobian(&frames, &tcp.position);
         let gram = j * j.transpose() + SMatrix::<f64, 6, 6>::identity() * 1e-6;
         q += j.transpose() * gram.cholesky().expect("positive definite").solve(&error);
     }
@@ -56,12 +61,12 @@ pub fn down(yaw: f64) -> Matrix3<f64> {
 /// A posture from which the iterations reach the plate with the elbow up.
 pub const SEED: [f64; 7] = [0.0, 0.6, 0.0, -1.5, 0.0, 1.0, 0.0];
 
-/// Controller and plant.
-pub struct Rig {
+/// Controller and plant of an arm with `N` joints.
+pub struct Rig<const N: usize = 7> {
     /// The plant.
-    pub plant: Plant<7>,
+    pub plant: Plant<N>,
     /// The controller.
-    pub controller: Controller<7>,
+    pub controller: Controller<N>,
     /// Ticks so far.
     pub tick: u64,
     /// Every event so far, telemetry apart.
@@ -72,19 +77,22 @@ pub struct Rig {
     pub drive: DriveStatus,
 }
 
-impl Rig {
-    /// A configured controller on a plant whose encoders stand at `q` (rad).
-    pub fn new(config: &PlantConfig, procedure: Procedure, q: &[f64; 7]) -> Self {
-        let plant = Plant::new(&iiwa7(), &iiwa7_tool(), config, q).expect("a plant");
+impl<const N: usize> Rig<N> {
+    /// A configured controller on a plant of `robot` with the calibration tool, whose encoders stand at `q` (rad).
+    pub fn of(robot: &Robot, config: &PlantConfig, procedure: Procedure, q: &[f64; N]) -> Self {
+        let plant = Plant::new(robot, &iiwa7_tool(), config, q).expect("a plant");
         let mut controller = Controller::default();
         let hello = DriveHello {
             motor_kg_m2: plant.declared_motors().iter().copied().collect(),
             latency_us: (plant.latency_s() * 1e6) as u32,
-            ..crate::bench::hello()
+            lock_step: true,
+            ..DriveHello::new(1, robot.joints.iter().map(|joint| joint.limits))
         };
         controller.connect(&hello).expect("a drive that fits");
         controller
-            .command(Command::Robot(iiwa7().driven().expect("seven joints")))
+            .command(Command::Robot(
+                robot.driven().expect("as many joints as a controller drives"),
+            ))
             .expect("a robot");
         controller
             .command(Command::Configure {
@@ -107,7 +115,7 @@ impl Rig {
     /// The drive state that the controller sees next.
     pub fn state(&self) -> DriveState {
         let sensed = self.plant.sensed();
-        let joints = |values: &[f64; 7]| Joints::from_slice(values).expect("seven of eight");
+        let joints = |values: &[f64; N]| Joints::from_slice(values).expect("as many as a message carries");
         DriveState {
             session: 1,
             tick: self.tick,
@@ -129,7 +137,7 @@ impl Rig {
             }
             while self.controller.next_sample().is_some() {}
             self.peak_force = self.peak_force.max(self.controller.contact_force().norm());
-            let tau: [f64; 7] = command.tau.as_slice().try_into().expect("seven torques");
+            let tau: [f64; N] = command.tau.as_slice().try_into().expect("a torque for each joint");
             self.plant.step(&tau);
         }
     }
@@ -149,8 +157,8 @@ impl Rig {
     }
 
     /// Moves to joint angles and waits.
-    pub fn move_to(&mut self, q: &[f64; 7]) -> bool {
-        let target = Joints::from_slice(q).expect("seven of eight");
+    pub fn move_to(&mut self, q: &[f64; N]) -> bool {
+        let target = Joints::from_slice(q).expect("as many as a message carries");
         self.controller
             .command(Command::Move { target })
             .expect("a target in reach");
@@ -181,6 +189,13 @@ impl Rig {
         };
         self.controller.command(Command::Pose(command)).expect("a pose");
         self.run_until(Phase::Coupled, 20_000)
+    }
+}
+
+impl Rig {
+    /// The same for the iiwa 7.
+    pub fn new(config: &PlantConfig, procedure: Procedure, q: &[f64; 7]) -> Self {
+        Self::of(&iiwa7(), config, procedure, q)
     }
 
     /// Elbow angle of the nominal arm at the encoders' angles, in rad.

@@ -192,9 +192,10 @@ impl Approaching {
         let tcp = env.snapshot.tcp.position;
         let travel = (tcp - self.start).dot(&cartesian.direction);
         let force = -felt.dot(&cartesian.direction);
+        let pole = env.procedure.law.observer_rad_s;
         if self
             .trigger
-            .push(force, env.snapshot.tcp_speed(), approach, env.period_s)
+            .push(force, env.snapshot.tcp_speed(), approach, pole, env.period_s)
         {
             cartesian.contact = tcp;
             let contact = Contact {

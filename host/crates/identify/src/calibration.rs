@@ -4,8 +4,8 @@ use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::Serialize;
 use spherecal_shared::robot::{Robot, Tool};
 
-use super::causes::cross::CrossEffects;
 use super::chain::{N, OWN, State};
+use super::hierarchy::cross::CrossEffects;
 use super::hierarchy::open::OpenSizes;
 use super::hierarchy::sizes::Strangeness;
 use super::identifiability::Identifiability;

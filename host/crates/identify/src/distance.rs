@@ -15,10 +15,10 @@ use spherecal_shared::robot::Tool;
 
 use super::algorithm1::{Columns, Scaling, position_jacobian, reduce};
 use super::calibration::Calibration;
-use super::causes::cross::CrossEffects;
 use super::chain::{Prepared, State};
 use super::error::IdentifyError;
 use super::finish::finish;
+use super::hierarchy::cross::CrossEffects;
 use super::hierarchy::open::OpenSizes;
 use super::hierarchy::sizes::Strangeness;
 use super::hierarchy::{FEWEST, Fit, prepare, register};

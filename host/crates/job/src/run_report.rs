@@ -271,7 +271,7 @@ fn triggers(m: &Measurements) -> Vec<HistogramChart> {
             "overshoot of the trigger (N)",
             0.01,
             format!(
-                "Overshoot: how far the estimated force was above {:.1} N until the declaration, short impacts \
+                "Overshoot: how far the mean force of 10 ms was above {:.1} N until the declaration, at most; impacts \
                  included.",
                 approach.trigger_n
             ),

@@ -121,9 +121,9 @@ pub struct ValidationSummary {
 pub struct ContactSummary {
     /// Sphere.
     pub sphere: u32,
-    /// Force when declared, in N.
+    /// Steady estimate of the force when declared, in N.
     pub force_n: f64,
-    /// Largest force since the descent began, in N.
+    /// Largest force since the descent began, a mean over 10 ms, in N.
     pub peak_n: f64,
     /// Distance descended, in mm.
     pub travel_mm: f64,

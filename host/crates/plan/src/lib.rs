@@ -23,6 +23,7 @@ mod bounds;
 mod build;
 mod candidates;
 mod cell;
+mod contact_mass;
 mod design;
 mod design_problem;
 mod design_request;

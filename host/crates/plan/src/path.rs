@@ -52,6 +52,16 @@ pub enum Obstacle {
         /// How far within the margin, in mm.
         by_mm: f64,
     },
+    /// The arm is folded or stretched: it would meet the sphere with too much mass.
+    #[error(
+        "the arm is folded or stretched there: it would meet the sphere with {kg:.0} kg, and may with {most_kg:.0}"
+    )]
+    Heavy {
+        /// Mass along the approach, or in the worst direction, while the orientation is held, in kg.
+        kg: f64,
+        /// Largest mass that is accepted, in kg.
+        most_kg: f64,
+    },
     /// No clear motion leads there from home.
     #[error("no motion from home keeps nest, tool and links clear of spheres, plate and arm")]
     NoWay,
@@ -88,6 +98,7 @@ impl Obstacle {
             Self::Singular { .. } => "singular",
             Self::Jump { .. } => "no continuous motion",
             Self::TooNear { .. } => "too near to sphere, plate or arm",
+            Self::Heavy { .. } => "folded or stretched",
             Self::NoWay => "no clear way",
         }
     }

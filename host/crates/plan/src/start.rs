@@ -7,6 +7,7 @@
 use nalgebra::Vector3;
 
 use super::cell::{Cell, PlatePose};
+use super::contact_mass;
 use super::error::PlanError;
 use super::path::{Obstacle, Rules};
 use super::scene::Scene;
@@ -72,12 +73,14 @@ impl<'a> PlacedCell<'a> {
     /// The start at a neutral pose that is already solved, with the approach above it.
     ///
     /// # Errors
-    /// The obstacle on the straight way up, or at its end.
+    /// An arm that would meet the sphere with too much mass, the obstacle on the straight way up, or at its end.
     pub(super) fn start_at(&self, neutral: TcpPose, joints: Vec<f64>) -> Result<Start, Obstacle> {
+        let direction = self.cell.approach_direction(self.plate);
         let above = TcpPose {
-            position: neutral.position - self.cell.approach_direction(self.plate) * self.cell.approach_height_m,
+            position: neutral.position - direction * self.cell.approach_height_m,
             ..neutral
         };
+        contact_mass::check(&self.cell.robot, &self.cell.tool, &joints, &direction)?;
         let approach = self.rules.follow(self.chain, &neutral, &joints, &above)?;
         self.scene.standing(&approach, None)?;
         Ok(Start {

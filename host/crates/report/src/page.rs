@@ -294,7 +294,7 @@ fn contacts(input: &ReportInput, figures: &mut Figures, folds: &mut Folds) -> Re
     if let Some(trace) = hardest.and_then(|k| input.contacts.get(k)) {
         let threshold = input.contact_threshold_n;
         let words = html! {
-            "The hardest contact, on sphere " (trace.sphere) ": force against the approach, at most " (format!("{:.2} N", peak(trace))) " in this time. "
+            "The hardest contact, on sphere " (trace.sphere) ": steady estimate of the force against the approach, at most " (format!("{:.2} N", peak(trace))) " in this time. "
             @if charts::crossing(trace, threshold).is_some() {
                 "The dot is where it exceeds the threshold of " (format!("{threshold:.1} N")) " (dashed) for good; the line is the declaration of the contact."
             } @else {

@@ -123,9 +123,12 @@ pub struct Contact {
     pub sphere: u32,
     /// Device time, in µs.
     pub time_us: u64,
-    /// Tared force against the approach at the declaration, in N.
+    /// Tared force against the approach at the declaration, in N: the steady estimate, a low-pass of
+    /// [`Law::observer_rad_s`](crate::procedure::Law::observer_rad_s).
     pub force_n: f64,
-    /// Largest force against the approach since the descent began, in N.
+    /// Largest force against the approach since the descent began, in N: the largest mean over 10 ms of what sphere and
+    /// plate do to the tool. What the magnet pulls between nest and sphere is within the tool's own balance: the pads
+    /// press by as much more, 26.5 N with the usual nest.
     pub peak_n: f64,
     /// The tare: the force that is subtracted, F0, in N.
     pub tare_n: [f64; 3],
@@ -204,7 +207,7 @@ pub enum Fault {
     JointVelocity,
     /// A commanded torque was saturated for too long.
     JointTorque,
-    /// The estimated contact force is too large.
+    /// The steady estimate of the contact force is too large.
     Force,
     /// The arm does not follow its setpoint.
     PathDeviation,
@@ -326,7 +329,7 @@ pub struct Sample {
     pub tau: [f32; MAX_JOINTS],
     /// Commanded torques, in N m.
     pub command: [f32; MAX_JOINTS],
-    /// Estimated force of the environment on the arm at the TCP, tared, F0, in N.
+    /// Steady estimate of the force of the environment on the arm at the TCP, tared, F0, in N.
     pub force_n: [f32; 3],
     /// Estimated torque about the TCP, F0, in N m.
     pub torque_nm: [f32; 3],

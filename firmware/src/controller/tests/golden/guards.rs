@@ -168,7 +168,7 @@ fn contacts(digest: &mut Digest) {
         let at = k / 17;
         let force = if random(at) > 0.6 { 7.5 } else { 7.5 + random(at) };
         let speed = 0.01 + 0.002 * random(at + 5_000).min(0.0);
-        let found = trigger.push(force, speed, &Approach::default(), PERIOD_S);
+        let found = trigger.push(force, speed, &Approach::default(), 60.0, PERIOD_S);
         digest.count(u64::from(found) * 1_000 + u64::from(trigger.latency_ticks()));
         digest.count(u64::from(trigger.early_crossings()));
         digest.numbers(&[trigger.peak_n()]);

@@ -326,8 +326,13 @@ impl CommissioningInProgress<'_, '_> {
             let tare = Vector3::from(contact.tare_n).norm();
             figures.extend([
                 Figure::judged("tare: force before the contact", tare, "N", calm.approach.tare_limit_n),
-                Figure::shown("force at the contact", contact.force_n, "N"),
-                Figure::judged("largest force of the descent", contact.peak_n, "N", self.limits.peak_n),
+                Figure::shown("steady force at the contact", contact.force_n, "N"),
+                Figure::judged(
+                    "largest force of the descent, mean of 10 ms",
+                    contact.peak_n,
+                    "N",
+                    self.limits.peak_n,
+                ),
                 Figure::shown("way to the contact", contact.travel_m * 1e3, "mm"),
             ]);
         }

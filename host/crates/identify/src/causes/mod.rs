@@ -12,7 +12,7 @@
 
 mod alternatives;
 mod columns;
-pub(crate) mod cross;
+mod cross;
 mod extended;
 mod finding;
 pub(crate) mod linear;

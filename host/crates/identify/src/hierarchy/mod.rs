@@ -12,6 +12,7 @@
 
 mod alike;
 pub(crate) mod constants;
+pub(crate) mod cross;
 pub(crate) mod noise;
 pub(crate) mod open;
 mod scale;
@@ -25,12 +26,12 @@ use rayon::prelude::*;
 
 use self::alike::Alike;
 use self::constants::{FIRST_ROUNDS, ROUNDS, SETTLED};
+use self::cross::CrossEffects;
 use self::noise::{RowsNoise, Seen as SeenRows};
 use self::open::OpenSizes;
 use self::sizes::{Sizes, Strangeness};
 use self::start::{check_targets, start_state};
 pub(crate) use self::start::{measured, prepare, register};
-use super::causes::cross::CrossEffects;
 use super::chain::{Prepared, State};
 use super::error::IdentifyError;
 use super::identifiability::{Identifiability, analyse};

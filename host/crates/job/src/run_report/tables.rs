@@ -12,13 +12,14 @@ pub(super) fn strings(words: &[&str]) -> Vec<String> {
 pub(super) fn contacts(m: &Measurements) -> SimpleTable {
     SimpleTable {
         title: "Contacts and triggers".to_owned(),
-        caption: "Latency counts from the lasting crossing of the threshold to the declaration. The peak is that of the whole descent, \
-                  short impacts included; the figures of the force show its end."
+        caption: "Latency counts from the lasting crossing of the threshold to the declaration. The peak is the largest \
+                  mean over 10 ms of the whole descent: what sphere and plate did to the tool. The pads pressed by the magnet's pull more. \
+                  Trigger and figures show the steady estimate, a low-pass, which is lower in an impact."
             .to_owned(),
         columns: strings(&[
             "sphere",
             "trigger (N)",
-            "peak (N)",
+            "peak, mean of 10 ms (N)",
             "travel (mm)",
             "latency (control periods)",
             "early crossings",

@@ -6,6 +6,7 @@
 //! `typical` preset. "The paper" is Nadeau, Bonev and Joubair 2019; "iiwa7.json" is
 //! `tests/data/iiwa7.json`, which contains its sources.
 
+use super::nest_kind::NestKind;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use spherecal_model::NominalCell;
@@ -123,45 +124,6 @@ pub struct NestConfig {
     pub form_sigma_m: f64,
 }
 
-/// How a nest seats its sphere.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum NestKind {
-    /// Three steel planes with a magnet: a kinematic coupling, whose seats repeat to a micrometre
-    /// (Hale and Slocum 2001, Precision Engineering 25, 114; Schouten et al. 1997, the same 20, 46).
-    #[default]
-    Steel,
-    /// A printed socket, set by hand: 40 % of its couplings seat badly, by 50 µm and more, and the sphere finds another seat
-    /// 0.3 times per rad of turning. The distribution of the residuals of a real iiwa 14 (`mukca_iiwa14.csv`).
-    Socket,
-}
-
-/// The bad couplings of a nest: dirt between ball and pads, a ball that is not fully seated, a stand that yields.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BadSeats {
-    /// Their share.
-    pub share: f64,
-    /// Scale of their seats, each axis, in m. They are drawn from a Cauchy distribution and limited to 1 mm; half of the
-    /// draws exceed the scale.
-    pub scale_m: f64,
-    /// Rate at which the sphere finds another seat while the nest turns about it, per rad of turning.
-    pub per_rad: f64,
-}
-
-impl NestKind {
-    /// Its bad couplings; `None` where there are none.
-    pub fn bad_seats(self) -> Option<BadSeats> {
-        match self {
-            Self::Steel => None,
-            Self::Socket => Some(BadSeats {
-                share: 0.4,
-                scale_m: 50e-6,
-                per_rad: 0.3,
-            }),
-        }
-    }
-}
-
 /// Geometry errors: the 24 MDH parameters of joints 2..n. The first row is the
 /// base frame's own and stays nominal (Section 3.1 of the paper).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -208,7 +170,8 @@ pub struct ComplianceConfig {
     /// Switch.
     pub enabled: bool,
     /// Joint compliance between encoder and link, in rad/(N m): the link lags the encoder by `c
-    /// tau`. Default 3e-6: world W0. (A real iiwa 7 showed 6e-5 with the encoder on the motor side;
+    /// tau`. This one, `joints_rad_per_nm`, elasticity and rotors are those of joints with a torque limit of up to 176 N m;
+    /// the gear of a stronger joint is in proportion stiffer, more damped and heavier. Default 3e-6: world W0. (A real iiwa 7 showed 6e-5 with the encoder on the motor side;
     /// `docs/design/identification.md`.)
     pub joint_rad_per_nm: f64,
     /// Spread between joints: each is drawn from `joint · U(1−s, 1+s)`. Default 0.3 (W0).

@@ -4,7 +4,7 @@
 //! coupling draws its own seat, the sphere may find another seat while the nest turns about it, and
 //! the form of sphere and pads moves it slightly with the nest's orientation.
 //!
-//! A coupling may be bad ([`NestKind`](super::config::NestKind)). Its seats are drawn from a Cauchy distribution.
+//! A coupling may be bad ([`NestKind`](super::nest_kind::NestKind)). Its seats are drawn from a Cauchy distribution.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::RngExt;
@@ -161,7 +161,7 @@ fn draw(rng: &mut ChaCha8Rng, nest: &NestConfig, bad: bool) -> Vector3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plant::config::NestKind;
+    use crate::plant::nest_kind::NestKind;
 
     fn socket() -> PlantConfig {
         let mut config = PlantConfig::typical();

@@ -225,8 +225,8 @@ pub(super) fn draw_joint_functions<const N: usize>(config: &PlantConfig, errors:
     }
 }
 
-/// Compliance of each joint, in rad/(N m).
-pub(super) fn draw_compliance<const N: usize>(config: &PlantConfig) -> [f64; N] {
+/// Compliance of each joint, in rad/(N m), with gears of these sizes.
+pub(super) fn draw_compliance<const N: usize>(config: &PlantConfig, gear: &[f64; N]) -> [f64; N] {
     let c = &config.compliance;
     let mut rng = stream(config.seed, Stream::Compliance);
     core::array::from_fn(|i| {
@@ -237,13 +237,14 @@ pub(super) fn draw_compliance<const N: usize>(config: &PlantConfig) -> [f64; N] 
             c.joint_rad_per_nm * factor
         };
         let stiffness = config.elasticity.stiffness_nm_rad;
-        if config.elasticity.enabled && stiffness > 0.0 {
+        let compliance = if config.elasticity.enabled && stiffness > 0.0 {
             1.0 / stiffness
         } else if c.enabled || config.elasticity.enabled {
             drawn
         } else {
             0.0
-        }
+        };
+        compliance / gear[i]
     })
 }
 

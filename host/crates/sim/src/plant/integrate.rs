@@ -66,7 +66,7 @@ pub(super) struct Elastic<const N: usize> {
     /// Stiffness of each joint, in N m/rad.
     pub(super) stiffness: [f64; N],
     /// Damping of the springs, in N m s/rad.
-    pub(super) damping: f64,
+    pub(super) damping: [f64; N],
     pub(super) motor: [f64; N],
 }
 
@@ -243,10 +243,10 @@ impl<const N: usize> MotionState<N> {
         mut impulse: SVector<f64, N>,
         h: f64,
     ) -> Option<SVector<f64, N>> {
-        let d = elastic.damping;
-        let slopes = elastic.stiffness.map(|k| h * (h * k + d));
+        let slopes: [f64; N] = core::array::from_fn(|i| h * (h * elastic.stiffness[i] + elastic.damping[i]));
         let wind = |s: &Self, i: usize| {
-            elastic.stiffness[i] * (s.motor[i] - s.q[i] + h * (s.motor_v[i] - s.v[i])) + d * (s.motor_v[i] - s.v[i])
+            elastic.stiffness[i] * (s.motor[i] - s.q[i] + h * (s.motor_v[i] - s.v[i]))
+                + elastic.damping[i] * (s.motor_v[i] - s.v[i])
         };
         let base = system;
         let impulse_base = impulse;
@@ -291,7 +291,7 @@ impl<const N: usize> MotionState<N> {
         self.motor_v += motor_change;
         self.motor += self.motor_v * h;
         let wind = self.motor - self.q;
-        SVector::from_fn(|i, _| wind[i] * elastic.stiffness[i]) + (self.motor_v - self.v) * elastic.damping
+        SVector::from_fn(|i, _| wind[i] * elastic.stiffness[i] + (self.motor_v[i] - self.v[i]) * elastic.damping[i])
     }
 }
 

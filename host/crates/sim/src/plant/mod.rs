@@ -38,6 +38,7 @@ mod hand;
 pub mod integrate;
 mod joint;
 mod motion;
+mod nest_kind;
 mod preset;
 mod preset_worlds;
 mod random;

@@ -7,10 +7,11 @@ use spherecal_model::NominalCell;
 
 use super::config::{
     ComplianceConfig, DisturbanceConfig, DriveConfig, ElasticityConfig, EncoderConfig, EncoderSide, FrictionConfig,
-    GeometryConfig, InertiaConfig, LostMotionConfig, NestConfig, NestKind, PlantConfig, PlateConfig, ReadingConfig,
-    SensorConfig, ThermalConfig, ToolConfig, TrackerConfig,
+    GeometryConfig, InertiaConfig, LostMotionConfig, NestConfig, PlantConfig, PlateConfig, ReadingConfig, SensorConfig,
+    ThermalConfig, ToolConfig, TrackerConfig,
 };
 use super::error::PlantError;
+use super::nest_kind::NestKind;
 
 /// Names of the presets.
 pub const PRESETS: &[&str] = &[

@@ -1,6 +1,7 @@
 //! The presets of the worlds W0 to W5: whole sets of errors, for studies of estimators and for hard runs.
 
-use super::config::{GeometryConfig, NestKind, PlantConfig};
+use super::config::{GeometryConfig, PlantConfig};
+use super::nest_kind::NestKind;
 
 impl PlantConfig {
     /// World W5, as measured: an arm that is as hard to calibrate as real ones, with a nest of steel.

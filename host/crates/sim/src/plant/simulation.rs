@@ -113,8 +113,8 @@ impl<const N: usize> Plant<N> {
         let e = &config.elasticity;
         let elastic = e.enabled.then(|| Elastic {
             stiffness: world.compliance.map(|c| 1.0 / c),
-            damping: e.damping_nm_s,
-            motor: world.rotor.map(|r| r.max(e.least_motor_kg_m2)),
+            damping: world.gear.map(|size| size * e.damping_nm_s),
+            motor: core::array::from_fn(|i| world.rotor[i].max(world.gear[i] * e.least_motor_kg_m2)),
         });
         let mut joints = JointMechanics {
             coulomb: world.coulomb,
@@ -127,11 +127,11 @@ impl<const N: usize> Plant<N> {
         let declared_motors = core::array::from_fn(|i| {
             let known = limit(|j| j.rotor_kg_m2, i);
             let least = if joints.elastic.is_some() {
-                e.least_motor_kg_m2
+                world.gear[i] * e.least_motor_kg_m2
             } else {
                 0.0
             };
-            (known + config.inertia.visible(i)).max(least) - known
+            (known + world.gear[i] * config.inertia.visible(i)).max(least) - known
         });
         let mut motion = MotionState::at_rest(&link);
         if let Some(elastic) = &joints.elastic {

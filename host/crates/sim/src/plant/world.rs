@@ -28,6 +28,16 @@ use super::joint::{Deflection, JointError, PathMemory, SlowState};
 use super::random::{Stream, between, normal, stream};
 use super::thermal::Warming;
 
+/// Largest torque limit of the arms on which compliance, damping and rotors were measured, in N m: the iiwa 7. (A Franka has 87.)
+const MEASURED_NM: f64 = 176.0;
+
+/// Size of the gear of a joint with this torque limit (N m): a larger gear is stiffer, more damped and has a heavier motor in
+/// proportion. For stiffness it follows from similar shapes: torque and stiffness both grow with the third power of the diameter. For
+/// damping and motor it is assumed, so that a joint rings as long, and as fast about links that are as much heavier.
+pub(super) fn gear_size(torque_nm: f64) -> f64 {
+    (torque_nm / MEASURED_NM).max(1.0)
+}
+
 /// All draws of one cell: the true arm, tool, plate and spheres.
 #[derive(Clone, Debug)]
 pub struct TrueCell<const N: usize> {
@@ -47,6 +57,8 @@ pub struct TrueCell<const N: usize> {
     pub coulomb: [f64; N],
     /// Viscous friction, in N m s/rad.
     pub viscous: [f64; N],
+    /// Size of each joint's gear, as a multiple of that of a joint of 176 N m; at least 1. See [`gear_size`].
+    pub(super) gear: [f64; N],
     /// Rotor inertia that shows at the link, in kg m².
     pub rotor: [f64; N],
     /// Bias of the torque sensors, in N m.
@@ -104,15 +116,16 @@ impl<const N: usize> TrueCell<N> {
             }
         }
         draw_masses(&mut robot, &mut tool, config);
+        let gear = core::array::from_fn(|i| nominal.joints.get(i).map_or(1.0, |j| gear_size(j.limits.torque_nm)));
         let mut rng = stream(seed, Stream::Rotors);
         let rotor = core::array::from_fn(|i| {
             let error = 1.0 + config.inertia.rotor_sigma * normal(&mut rng);
-            nominal.joints.get(i).map_or(0.0, |j| j.rotor_kg_m2) + config.inertia.visible(i) * error.max(0.0)
+            nominal.joints.get(i).map_or(0.0, |j| j.rotor_kg_m2) + gear[i] * config.inertia.visible(i) * error.max(0.0)
         });
         let arm = Arm::new(&robot, &tool)?;
         let plates = draw_plates(config);
         let plate = plates.first().copied().unwrap_or_else(Pose::identity);
-        let compliance = draw_compliance(config);
+        let compliance = draw_compliance(config, &gear);
         let c = &config.compliance;
         let switch = |value: f64| if c.enabled { value } else { 0.0 };
         let deflections = core::array::from_fn(|i| {
@@ -151,6 +164,7 @@ impl<const N: usize> TrueCell<N> {
             compliance,
             coulomb,
             viscous,
+            gear,
             rotor,
             torque_bias,
             cable: Cable::draw(config),
