@@ -18,6 +18,7 @@
 //! | `tcp:` | [`InProcess`] | [`TcpDrive`](tcp::TcpDrive) |
 //! | `franka:` | [`InProcess`] | [`FrankaDrive`](native::FrankaDrive) |
 //! | `fri:` | [`InProcess`] | [`KukaDrive`](native::KukaDrive) |
+//! | `ur:` | [`InProcess`] | [`UrDrive`](native::UrDrive) |
 //! | `controller:` | another process ([`Remote`](tcp::Remote)) | its own |
 //! | `grpc:` | a service of `spherecal-services` | its own |
 //!

@@ -1,0 +1,91 @@
+//! The programs that this robot side runs, each known by its text. It interprets no script.
+
+use super::arm::ArmCommand;
+use super::registers::Registers;
+use crate::JOINTS;
+use crate::wire::{ACKNOWLEDGED, INPUTS, Load, Order, PATIENCE_STEPS, PROGRAM, Value};
+
+/// [`PROGRAM`], as it runs.
+#[derive(Debug)]
+pub(super) struct TorqueProgram {
+    /// The last number that came.
+    pub(super) number: i32,
+    /// Control steps since then.
+    silent: u32,
+    /// It follows torques.
+    follows: bool,
+}
+
+/// What a program does in a control step.
+pub(super) enum Step {
+    /// It goes on, and the arm does this.
+    Runs(ArmCommand),
+    /// It has ended.
+    Ends,
+}
+
+impl TorqueProgram {
+    /// The program in this text, if it is that one. The load that it tells the robot is in the registers.
+    pub(super) fn recognise(text: &str, registers: &Registers) -> Option<(Self, Load)> {
+        if text != PROGRAM {
+            return None;
+        }
+        let value = |k: usize| double(registers, INPUTS[k].0);
+        let load = Load {
+            mass_kg: value(8),
+            com_m: std::array::from_fn(|k| value(9 + k)),
+            inertia_kg_m2: std::array::from_fn(|k| value(12 + k)),
+        };
+        let this = Self {
+            number: integer(registers, INPUTS[1].0),
+            silent: 0,
+            follows: false,
+        };
+        Some((this, load))
+    }
+
+    /// One pass of its loop. `stopj` takes no time here: the arm holds at once.
+    pub(super) fn step(&mut self, registers: &mut Registers) -> Step {
+        let (command, number) = (integer(registers, INPUTS[0].0), integer(registers, INPUTS[1].0));
+        if number == self.number {
+            self.silent += 1;
+        } else {
+            (self.number, self.silent) = (number, 0);
+        }
+        registers.set(ACKNOWLEDGED, Value::Int32(number));
+        let torques = command == Order::Torque([0.0; JOINTS]).number();
+        if !torques && std::mem::replace(&mut self.follows, torques) {
+            self.silent = 0;
+        }
+        self.follows = torques;
+        let [following, listening] = PATIENCE_STEPS;
+        if self.silent >= if torques { following } else { listening } {
+            return Step::Ends;
+        }
+        Step::Runs(if torques {
+            ArmCommand::Torque(std::array::from_fn(|j| double(registers, INPUTS[2 + j].0)))
+        } else {
+            ArmCommand::Hold
+        })
+    }
+}
+
+/// The number of the last package of inputs, if it asks for torques.
+pub(super) fn torque_order(registers: &Registers) -> Option<i32> {
+    let torques = integer(registers, INPUTS[0].0) == Order::Torque([0.0; JOINTS]).number();
+    torques.then(|| integer(registers, INPUTS[1].0))
+}
+
+fn integer(registers: &Registers, name: &str) -> i32 {
+    match registers.value(name) {
+        Some(Value::Int32(value)) => value,
+        _ => 0,
+    }
+}
+
+fn double(registers: &Registers, name: &str) -> f64 {
+    match registers.value(name) {
+        Some(Value::Double(value)) => value,
+        _ => 0.0,
+    }
+}
