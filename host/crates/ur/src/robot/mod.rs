@@ -2,7 +2,8 @@
 //!
 //! [`RobotSide`] serves any number of clients, up to eight. It knows every output that a robot has by name; those that it
 //! does not simulate (currents, voltages, temperatures, digital inputs) are zero. Inputs are kept and can be read back. It
-//! interprets no script: it knows [our program](crate::wire::PROGRAM) by its text, runs it step by step, and refuses others.
+//! interprets no script: it knows [our program](crate::wire::PROGRAM) by its text, and that of `ur-rtde`, as far as its torques
+//! need it, and refuses others.
 //! The primary interface sends the robot's calibration after a connection; the dashboard knows the lines that end a
 //! protective stop.
 
@@ -15,6 +16,7 @@ mod programs;
 mod registers;
 mod server;
 mod session;
+mod ur_rtde;
 
 pub use arm::{ArmCommand, ArmHardware, ArmState};
 pub use config::RobotConfig;

@@ -2,6 +2,7 @@
 
 use super::arm::ArmCommand;
 use super::registers::Registers;
+use super::ur_rtde::UrRtde;
 use crate::JOINTS;
 use crate::wire::{ACKNOWLEDGED, INPUTS, Load, Order, PATIENCE_STEPS, PROGRAM, Value};
 
@@ -9,24 +10,57 @@ use crate::wire::{ACKNOWLEDGED, INPUTS, Load, Order, PATIENCE_STEPS, PROGRAM, Va
 #[derive(Debug)]
 pub(super) struct TorqueProgram {
     /// The last number that came.
-    pub(super) number: i32,
+    number: i32,
     /// Control steps since then.
     silent: u32,
     /// It follows torques.
     follows: bool,
 }
 
+/// A program that this side runs.
+#[derive(Debug)]
+pub(super) enum Program {
+    Torque(TorqueProgram),
+    UrRtde(UrRtde),
+}
+
+impl Program {
+    /// The program in this text, and the load that it tells the robot.
+    pub(super) fn recognise(text: &str, registers: &Registers) -> Option<(Self, Option<Load>)> {
+        if let Some((program, load)) = TorqueProgram::recognise(text, registers) {
+            return Some((Self::Torque(program), Some(load)));
+        }
+        UrRtde::recognise(text).map(|program| (Self::UrRtde(program), None))
+    }
+
+    /// One pass of its loop.
+    pub(super) fn step(&mut self, registers: &mut Registers) -> Step {
+        match self {
+            Self::Torque(program) => program.step(registers),
+            Self::UrRtde(_) => UrRtde::step(registers),
+        }
+    }
+
+    /// The last number that ours has read.
+    pub(super) fn number(&self) -> i32 {
+        match self {
+            Self::Torque(program) => program.number,
+            Self::UrRtde(_) => 0,
+        }
+    }
+}
+
 /// What a program does in a control step.
 pub(super) enum Step {
     /// It goes on, and the arm does this.
     Runs(ArmCommand),
-    /// It has ended.
-    Ends,
+    /// It has ended; with words for its client if something is wrong.
+    Ends(Option<String>),
 }
 
 impl TorqueProgram {
     /// The program in this text, if it is that one. The load that it tells the robot is in the registers.
-    pub(super) fn recognise(text: &str, registers: &Registers) -> Option<(Self, Load)> {
+    fn recognise(text: &str, registers: &Registers) -> Option<(Self, Load)> {
         if text != PROGRAM {
             return None;
         }
@@ -45,7 +79,7 @@ impl TorqueProgram {
     }
 
     /// One pass of its loop. `stopj` takes no time here: the arm holds at once.
-    pub(super) fn step(&mut self, registers: &mut Registers) -> Step {
+    fn step(&mut self, registers: &mut Registers) -> Step {
         let (command, number) = (integer(registers, INPUTS[0].0), integer(registers, INPUTS[1].0));
         if number == self.number {
             self.silent += 1;
@@ -60,7 +94,7 @@ impl TorqueProgram {
         self.follows = torques;
         let [following, listening] = PATIENCE_STEPS;
         if self.silent >= if torques { following } else { listening } {
-            return Step::Ends;
+            return Step::Ends(None);
         }
         Step::Runs(if torques {
             ArmCommand::Torque(std::array::from_fn(|j| double(registers, INPUTS[2 + j].0)))
@@ -76,14 +110,14 @@ pub(super) fn torque_order(registers: &Registers) -> Option<i32> {
     torques.then(|| integer(registers, INPUTS[1].0))
 }
 
-fn integer(registers: &Registers, name: &str) -> i32 {
+pub(super) fn integer(registers: &Registers, name: &str) -> i32 {
     match registers.value(name) {
         Some(Value::Int32(value)) => value,
         _ => 0,
     }
 }
 
-fn double(registers: &Registers, name: &str) -> f64 {
+pub(super) fn double(registers: &Registers, name: &str) -> f64 {
     match registers.value(name) {
         Some(Value::Double(value)) => value,
         _ => 0.0,

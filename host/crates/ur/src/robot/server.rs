@@ -13,7 +13,7 @@ use super::config::RobotConfig;
 use super::controls::{Controls, RobotStatistics};
 use super::outputs::{Outputs, known};
 use super::ports::{MOST_CLIENTS, Ports, open};
-use super::programs::{Step, TorqueProgram, torque_order};
+use super::programs::{Program, Step, torque_order};
 use super::registers::Registers;
 use super::session::{Session, Wanted};
 use crate::wire::{
@@ -94,7 +94,7 @@ struct RobotServer {
     registers: Registers,
     /// Inputs that no program can read yet, with the period from which on one can.
     written: VecDeque<(u64, Arc<Recipe>, Vec<Value>)>,
-    program: Option<TorqueProgram>,
+    program: Option<Program>,
     /// The last number that the program read which ended, and the last one that came.
     ended: i32,
     seen: i32,
@@ -170,7 +170,7 @@ impl RobotServer {
         if !self.shared.controls.remote.load(Ordering::Relaxed) || !self.permits() {
             return;
         }
-        let Some((program, load)) = TorqueProgram::recognise(script, &self.registers) else {
+        let Some((program, load)) = Program::recognise(script, &self.registers) else {
             self.count.refused += 1;
             let name = program_name(script).unwrap_or("without a name");
             let words = format!("the program {name} is none of those that this simulated robot runs");
@@ -179,7 +179,9 @@ impl RobotServer {
                 .for_each(|session| session.answer(&text(&words)));
             return;
         };
-        self.arm.set_load(&load);
+        if let Some(load) = load {
+            self.arm.set_load(&load);
+        }
         self.count.programs += 1;
         self.program = Some(program);
         self.shared.controls.stop_program.store(false, Ordering::Relaxed);
@@ -195,7 +197,7 @@ impl RobotServer {
 
     fn end(&mut self) {
         if let Some(program) = self.program.take() {
-            self.ended = program.number;
+            self.ended = program.number();
             self.tell(RuntimeState::Stopped);
         }
     }
@@ -233,8 +235,13 @@ impl RobotServer {
                 ArmCommand::Hold
             }
             Step::Runs(command) => command,
-            Step::Ends => {
+            Step::Ends(words) => {
                 self.count.silent += 1;
+                if let Some(words) = words {
+                    self.sessions
+                        .iter_mut()
+                        .for_each(|session| session.answer(&text(&words)));
+                }
                 self.end();
                 ArmCommand::Hold
             }
