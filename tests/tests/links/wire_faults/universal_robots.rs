@@ -197,8 +197,8 @@ fn as_good_as_simulated(name: &str) {
 // Fails if a job on a UR5e over its own interfaces loses a pose, meets a fault or a stop, lets the robot wait for torques, or
 // has a result that is worse than that of `sim` by a fifth.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_thirty_poses_of_a_ur5e_are_as_good_as_simulated_ones() {
+#[ignore = "long: two jobs and their results"]
+fn long_thirty_poses_of_a_ur5e_are_as_good_as_simulated_ones() {
     as_good_as_simulated("ur5e");
 }
 
@@ -207,6 +207,19 @@ fn slow_thirty_poses_of_a_ur5e_are_as_good_as_simulated_ones() {
 #[ignore = "long: another arm"]
 fn long_thirty_poses_of_a_ur10e_are_as_good_as_simulated_ones() {
     as_good_as_simulated("ur10e");
+}
+
+// Fails if elastic joints and their friction ring under torques that act 4 ms late, or cost a pose. Without the low-pass of late
+// torques the arm did not get to its first sphere.
+#[test]
+#[ignore = "long: 30 poses of an elastic arm"]
+fn long_an_elastic_ur5e_does_not_ring() {
+    let config = motors(short("ur5e", 30).on_preset("as_measured"));
+    let ur = Ur::start(&config, Trip::Protective);
+    let job = Job::new(&config, ur.as_ref());
+    let session = job.measure(false, &mut |_| ());
+    session.well();
+    job.finished(&[&session], &[]);
 }
 
 // Fails if a protective stop in some phase of the procedure is not the fault `drive`, is not told in the robot's words, is not
