@@ -29,7 +29,7 @@ pub struct Actuation<const N: usize> {
     /// Highest natural frequency, and highest damping, of the spring of a joint alone,
     /// in rad/s: several of them act on one motion.
     pub joint_rad_s: f64,
-    /// Time constant of the low-pass of the commanded torques, in s; 0: none.
+    /// Time constant of the low-pass of the torques, in s; 0: none.
     pub smoothing_s: f64,
 }
 
@@ -51,16 +51,10 @@ impl<const N: usize> Actuation<N> {
     const APPROACH_LATENCY_S: f64 = 10e-3;
 
     /// Period and latency together, in s, from which on torques are smoothed if motors show.
-    ///
-    /// A motor behind a gear that gives way rings against its link with 100 to 400 rad/s. A damping torque that acts 5 ms
-    /// late is turned there by 0.5 to 2 rad: it drives the motor, and no gear damps as much as the law asks for. A
-    /// low-pass takes that frequency out of the torque; the motions of the arm are slower. Simulated UR5e with elastic
-    /// joints (7,000 and 16,000 N m/rad), motors of 0.1 to 1 kg m², 2 ms of period and 4 ms of latency: without it no run
-    /// finished, with it all did. A drive of 1 kHz and 4 ms keeps what it had.
+    /// Late damping drives a motor against a gear that gives way (`docs/design/control.md`). 1 kHz and 4 ms keep what they had.
     const LATE_S: f64 = 5.5e-3;
 
-    /// Time constant of that low-pass, in s. With 14 ms motors of 0.3 and 1 kg m² still rang; with 35 ms the springs got so
-    /// soft that retreats from a sphere pressed. It counts as latency for every spring.
+    /// Time constant of that low-pass, in s: with 14 ms motors still rang, with 35 ms retreats pressed. It counts as latency.
     const SMOOTHING_S: f64 = 25e-3;
 
     /// Softest spring, in N m/rad, with which a joint alone still comes to rest where it should. FR3 and Panda

@@ -16,6 +16,7 @@ mod programs;
 mod registers;
 mod server;
 mod session;
+mod step;
 mod ur_rtde;
 
 pub use arm::{ArmCommand, ArmHardware, ArmState};

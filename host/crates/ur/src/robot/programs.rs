@@ -2,6 +2,7 @@
 
 use super::arm::ArmCommand;
 use super::registers::Registers;
+use super::step::{Step, double, integer};
 use super::ur_rtde::UrRtde;
 use crate::JOINTS;
 use crate::wire::{ACKNOWLEDGED, INPUTS, Load, Order, PATIENCE_STEPS, PROGRAM, Value};
@@ -48,14 +49,6 @@ impl Program {
             Self::UrRtde(_) => 0,
         }
     }
-}
-
-/// What a program does in a control step.
-pub(super) enum Step {
-    /// It goes on, and the arm does this.
-    Runs(ArmCommand),
-    /// It has ended; with words for its client if something is wrong.
-    Ends(Option<String>),
 }
 
 impl TorqueProgram {
@@ -108,18 +101,4 @@ impl TorqueProgram {
 pub(super) fn torque_order(registers: &Registers) -> Option<i32> {
     let torques = integer(registers, INPUTS[0].0) == Order::Torque([0.0; JOINTS]).number();
     torques.then(|| integer(registers, INPUTS[1].0))
-}
-
-pub(super) fn integer(registers: &Registers, name: &str) -> i32 {
-    match registers.value(name) {
-        Some(Value::Int32(value)) => value,
-        _ => 0,
-    }
-}
-
-pub(super) fn double(registers: &Registers, name: &str) -> f64 {
-    match registers.value(name) {
-        Some(Value::Double(value)) => value,
-        _ => 0.0,
-    }
 }

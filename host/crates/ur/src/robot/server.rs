@@ -13,9 +13,10 @@ use super::config::RobotConfig;
 use super::controls::{Controls, RobotStatistics};
 use super::outputs::{Outputs, known};
 use super::ports::{MOST_CLIENTS, Ports, open};
-use super::programs::{Program, Step, torque_order};
+use super::programs::{Program, torque_order};
 use super::registers::Registers;
 use super::session::{Session, Wanted};
+use super::step::Step;
 use crate::wire::{
     Answer, MAX_NAMES, MAX_REQUEST, NOT_FOUND, PROTOCOL, Recipe, Request, RobotMode, RuntimeState, SafetyMode, Setup,
     TextLevel, TextMessage, Value, WireError, program_name, take_package,

@@ -5,8 +5,8 @@
 //! 1.6.5 uploads. Commands that are not simulated end the program, so that none seems to be carried out.
 
 use super::arm::ArmCommand;
-use super::programs::{Step, double, integer};
 use super::registers::Registers;
+use super::step::{Step, double, integer};
 use crate::wire::{Value, program_name};
 
 /// The line that takes torques; without it the client believes the robot's software to be too old.
