@@ -23,7 +23,7 @@ case "${1:-}" in
     test)
         install
         SPHERECAL_REQUIRE_FIELD=1 cargo test -p spherecal-fci --test fci official_clients
-        SPHERECAL_REQUIRE_FIELD=1 cargo test -p spherecal-ur --test ur official_client
+        SPHERECAL_REQUIRE_FIELD=1 cargo test -p spherecal-ur --test ur official_client -- --include-ignored
         SPHERECAL_REQUIRE_FIELD=1 cargo test -p spherecal --all-features --test cli official_clients -- --include-ignored
         ;;
     *) sed -n '2,/^set -eu/p' "$0" | sed -n 's/^# \{0,1\}//p' >&2; exit 2 ;;

@@ -263,7 +263,7 @@ const CASES: &[Case] = &[
         make: || {
             let (mut shaper, wanted) = (TorqueShaper::<7>::default(), SVector::from(Q));
             Box::new(move || {
-                black_box(shaper.shape(black_box(&wanted), black_box(&DQ), &[100.0; 7], 1.0));
+                black_box(shaper.shape(black_box(&wanted), black_box(&DQ), &[100.0; 7], 1.0, 1.0));
             })
         },
     },

@@ -170,7 +170,8 @@ impl<const N: usize> Controller<N> {
         }
         let limits = self.effective_limits(&snapshot, &torque_limits);
         let step = self.procedure.law.torque_rate_nm_s * self.period_s;
-        let (tau, shaped) = self.shaper.shape(&wanted, &delivered, &limits, step);
+        let share = self.period_s / (self.period_s + actuation.smoothing_s);
+        let (tau, shaped) = self.shaper.shape(&wanted, &delivered, &limits, step, share);
         self.torque_loop.sent(&tau);
         let violation = self
             .safety

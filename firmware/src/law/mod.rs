@@ -11,6 +11,8 @@
 mod damping;
 mod disturbance;
 #[cfg(test)]
+mod elastic_tests;
+#[cfg(test)]
 mod explicit_tests;
 mod giving;
 mod guide;

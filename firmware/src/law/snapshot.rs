@@ -29,6 +29,8 @@ pub struct Actuation<const N: usize> {
     /// Highest natural frequency, and highest damping, of the spring of a joint alone,
     /// in rad/s: several of them act on one motion.
     pub joint_rad_s: f64,
+    /// Time constant of the low-pass of the torques, in s; 0: none.
+    pub smoothing_s: f64,
 }
 
 impl<const N: usize> Actuation<N> {
@@ -48,6 +50,13 @@ impl<const N: usize> Actuation<N> {
     /// drive may declare.
     const APPROACH_LATENCY_S: f64 = 10e-3;
 
+    /// Period and latency together, in s, from which on torques are smoothed if motors show.
+    /// Late damping drives a motor against a gear that gives way (`docs/design/control.md`). 1 kHz and 4 ms keep what they had.
+    const LATE_S: f64 = 5.5e-3;
+
+    /// Time constant of that low-pass, in s: with 14 ms motors still rang, with 35 ms retreats pressed. It counts as latency.
+    const SMOOTHING_S: f64 = 25e-3;
+
     /// Softest spring, in N m/rad, with which a joint alone still comes to rest where it should. FR3 and Panda
     /// without a tool and with hidden motors finished all runs with 0.88 N m/rad and more; with 0.77 N m/rad and
     /// less some ended in motions that did not settle: dry friction that the torque loop leaves turns the
@@ -57,8 +66,16 @@ impl<const N: usize> Actuation<N> {
     /// A drive with these motors (kg m²) that is commanded once in `period_s` (s) and
     /// answers `latency_s` (s) after a state.
     pub fn new(motors: [f64; N], period_s: f64, latency_s: f64) -> Self {
+        let shows = motors.iter().any(|inertia| *inertia > 0.0);
+        let smoothing_s = if shows && period_s + latency_s > Self::LATE_S {
+            Self::SMOOTHING_S
+        } else {
+            0.0
+        };
+        let latency_s = latency_s + smoothing_s;
         Self {
             motors,
+            smoothing_s,
             fastest_rad_s: Self::LAG_RAD / (period_s + latency_s),
             joint_rad_s: Self::JOINT_LAG_RAD / (0.5 * period_s + latency_s),
         }

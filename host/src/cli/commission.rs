@@ -190,7 +190,10 @@ pub(super) fn run(args: &CommissionArgs) -> Result<Exit, CliError> {
             "--resume: `spherecal commission` always begins with its first step: leave the option out",
         ));
     }
-    if !matches!(args.link, Link::Sim | Link::Tcp(_) | Link::Franka { .. } | Link::Fri(_)) {
+    if !matches!(
+        args.link,
+        Link::Sim | Link::Tcp(_) | Link::Franka { .. } | Link::Fri(_) | Link::Ur { .. }
+    ) {
         return Err(JobError::NotCommissioned {
             link: args.link.to_string(),
         }

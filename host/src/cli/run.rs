@@ -108,7 +108,7 @@ pub(super) fn print(finished: &FinishedRun, json: bool) -> Result<Exit, CliError
 /// Says so if the robot behind its own interface was never commissioned. This is a warning alone: a commissioning may be
 /// in another database, and one that cannot be read prevents no run.
 fn warn_of_first_run(link: &Link, arm: &str, store: &mut dyn CalibrationStore) {
-    if !matches!(link, Link::Franka { .. } | Link::Fri(_)) {
+    if !matches!(link, Link::Franka { .. } | Link::Fri(_) | Link::Ur { .. }) {
         return;
     }
     let known = job::commissionings(store, arm).unwrap_or_default();

@@ -27,10 +27,10 @@ const EVENTS: Duration = Duration::from_millis(100);
 /// Arguments of `controller`.
 #[derive(Args, Clone, Debug)]
 pub struct ControllerArgs {
-    /// Drive: tcp:HOST:PORT of a simulator, a gateway or `spherecal plant`; franka:HOST; fri:PORT.
+    /// Drive: tcp:HOST:PORT of a simulator, a gateway or `spherecal plant`; franka:HOST; fri:PORT; ur:HOST.
     #[arg(long, value_name = "LINK", value_parser = drive_link)]
     pub drive: Link,
-    /// Configuration of the run: robot, tool and thresholds for franka: and fri:. Set
+    /// Configuration of the run: robot, tool and thresholds for franka:, fri: and ur:. Set
     /// procedure.law.torque_rate_nm_s to 990 in the run's configuration for a Franka robot.
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
@@ -45,8 +45,8 @@ pub struct ControllerArgs {
 /// A link to a drive.
 fn drive_link(text: &str) -> Result<Link, BadValue> {
     match text.parse() {
-        Ok(link @ (Link::Tcp(_) | Link::Franka { .. } | Link::Fri(_))) => Ok(link),
-        _ => Err(BadValue("give tcp:HOST:PORT, franka:HOST or fri:PORT")),
+        Ok(link @ (Link::Tcp(_) | Link::Franka { .. } | Link::Fri(_) | Link::Ur { .. })) => Ok(link),
+        _ => Err(BadValue("give tcp:HOST:PORT, franka:HOST, fri:PORT or ur:HOST")),
     }
 }
 

@@ -11,6 +11,7 @@ use super::listening::{announce, warn_if_open};
 use super::out::errln;
 use super::robot_sides::{PlantArgs, address, guided, lines, wait};
 use crate::simulated;
+use spherecal_job as job;
 
 /// The robot without `--config`.
 const ROBOT: &str = "ur5e";
@@ -57,7 +58,7 @@ pub(super) fn universal_robots(args: &PlantArgs, at: &str) -> Result<Exit, CliEr
     };
     let arm: Box<dyn ArmHardware> = match &args.guide {
         Some(path) => Box::new(guided::<6>(&config, path)?),
-        None => Box::new(simulated::resting(&config)?),
+        None => Box::new(simulated::ur_robot(&config)?),
     };
     let series = if args.cb3 { Series::Cb3 } else { Series::ESeries };
     let kinematics = KinematicsInfo {
@@ -67,8 +68,13 @@ pub(super) fn universal_robots(args: &PlantArgs, at: &str) -> Result<Exit, CliEr
         alpha: dh.alpha,
         ..KinematicsInfo::default()
     };
+    let model = job::loaded_model(&config)?;
+    let limits = |joint: usize| model.robot.joints.get(joint).map(|joint| &joint.limits);
     let side = RobotConfig {
         address: at,
+        limits: std::array::from_fn(|joint| {
+            limits(joint).map_or((0.0, 0.0), |limits| (limits.velocity_rad_s, limits.torque_nm))
+        }),
         ..RobotConfig::new(series, kinematics)
     };
     warn_if_open("plant", at);
@@ -84,12 +90,18 @@ pub(super) fn universal_robots(args: &PlantArgs, at: &str) -> Result<Exit, CliEr
     wait(&interrupt, || ());
     let s = side.shut_down();
     errln!(
-        "{} periods ({} behind the wall clock), {} data packages, {} inputs, {} broken connections",
+        "{} periods ({} behind the wall clock), {} data packages, {} inputs, {} broken connections, {} programs ({} refused), {} \
+         periods with torques, {} programs without torques in time, {} protective stops by a limit",
         s.periods,
         s.slipped,
         s.packages,
         s.inputs,
-        s.broken
+        s.broken,
+        s.programs,
+        s.refused,
+        s.followed,
+        s.silent,
+        s.limits
     );
     Ok(Exit::Done)
 }

@@ -19,7 +19,7 @@ use spherecal_model::TrackerSession;
 use spherecal_sim::inject::{FaultPlan, FaultyCellError, InjectError};
 use spherecal_sim::plant::{PRESETS, PlantConfig, PlantError};
 use spherecal_sim::{
-    OperatorCall, RestingArm, RobotArm, SimulatedArmError, SimulatedTracker, hand_guided_arm, simulated_arm,
+    OperatorCall, RobotArm, SimulatedArmError, SimulatedTracker, UrArm, hand_guided_arm, simulated_arm, with_ur_motors,
 };
 use toml::{Table, Value};
 
@@ -194,14 +194,14 @@ pub fn robot(config: &Config, impedance: (f64, f64)) -> Result<RobotArm, JobErro
     Ok(RobotArm::new(&model, &plant, &home, impedance).map_err(SimulationError::from)?)
 }
 
-/// The simulated arm of a configuration at rest, behind the interfaces of Universal Robots.
+/// The simulated arm of a configuration, behind the interfaces of Universal Robots. Its motors show.
 ///
 /// # Errors
 /// The configuration cannot be used, or its robot has not six joints.
-pub fn resting(config: &Config) -> Result<RestingArm, JobError> {
-    let plant = plant(config)?;
+pub fn ur_robot(config: &Config) -> Result<UrArm, JobError> {
+    let plant = with_ur_motors(&plant(config)?);
     let (model, _, home) = job::at_home(config)?;
-    Ok(RestingArm::new(&model, &plant, &home).map_err(SimulationError::from)?)
+    Ok(UrArm::new(&model, &plant, &home).map_err(SimulationError::from)?)
 }
 
 /// The simulated arm of a configuration: the preset with the changed errors, the job's seed, and the cell.

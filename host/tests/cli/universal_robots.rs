@@ -132,8 +132,8 @@ fn the_own_calibration_is_read_and_what_cannot_be_is_refused() {
     let compared: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
     assert_eq!(compared["links"][2]["link"], "elbow_joint", "{compared}");
     for (arguments, code, words) in [
-        (&["run", "--link", link][..], 2, "read only: use spherecal collect"),
-        (&["commission", "--link", link], 2, "give franka:HOST"),
+        (&["run", "--robot", "ur5e", "--link", link][..], 1, "takes no torques"),
+        (&["commission", "--link", link], 2, "needs a person at the robot"),
         (&["collect", "--link", "ur:"], 2, "ur:HOST"),
         (&["collect", "--link", "ur:127.0.0.1:4"], 1, "enable RTDE"),
         (&["robot", "read", "--link", "sim"], 2, "give ur:HOST"),

@@ -297,13 +297,13 @@ pub fn remedy(fault: Fault) -> &'static str {
         Fault::PositionJump => "an encoder lost its position: reference the joint and restart the controller",
         Fault::TorqueSensor => {
             "a torque sensor or a motor fails: run the drive's self-test, and have the joint inspected; on a new drive, check \
-             torque_sign and motor_kg_m2 in its handshake (for franka: and fri: in [cell.drive])"
+             torque_sign and motor_kg_m2 in its handshake (for franka:, fri: and ur: in [cell.drive])"
         }
         Fault::TcpSpeed => "lower procedure.motion.speed_rad_s, and find out what pushes the arm",
         Fault::Workspace => "the path leaves procedure.limits.workspace or reaches the plate: check plate and plan",
         Fault::Unstable => {
             "control makes the joint oscillate: the drive answers later than the latency_us of its handshake, or it declares \
-             wrong motor_kg_m2 or torque_sign; measure its delay and declare it (for franka: and fri: in [cell.drive])"
+             wrong motor_kg_m2 or torque_sign; measure its delay and declare it (for franka:, fri: and ur: in [cell.drive])"
         }
         Fault::KineticEnergy => {
             "control or something outside drives the arm: find out what pushes it, and check latency_us, motor_kg_m2 and \

@@ -13,7 +13,7 @@ use spherecal_campaign::commission::{
 };
 use spherecal_campaign::{Assignment, CampaignObserver};
 use spherecal_fci::wire::Version;
-use spherecal_link::{DriveReader, FrankaReader, JournalError, KukaReader, StateReader};
+use spherecal_link::{DriveReader, FrankaReader, JournalError, KukaReader, StateReader, UrReader};
 use spherecal_store::{CalibrationStore, RunInfo};
 
 use super::connect::device;
@@ -125,6 +125,7 @@ fn reader(prepared: &PreparedRun, link: &Link) -> Result<Box<dyn StateReader>, J
             Box::new(reader)
         }
         Link::Fri(address) => Box::new(KukaReader::listen(*address)?),
+        Link::Ur { host, port } => Box::new(UrReader::connect(host, *port)?),
         Link::Tcp(address) => Box::new(DriveReader::connect(address)?),
         Link::Sim => Box::new(DriveReader::new(prepared.simulator.arm(prepared)?)?),
         other => {

@@ -77,12 +77,11 @@ pub fn distant(model: &RobotModel, config: &Config, link: &Link) -> Result<Optio
             let controller = controller_in_process(joints)?;
             Ok(Some(Box::new(LocalDevice::new(controller, Box::new(drive), joints)?)))
         }
-        Link::Franka { .. } | Link::Fri(_) => {
+        Link::Franka { .. } | Link::Fri(_) | Link::Ur { .. } => {
             let drive = native::drive(model, config, link)?;
             check_limits(&drive.hello().limits, robot).map_err(LinkError::from)?;
             attended(Threaded::start(drive, joints)?)
         }
-        Link::Ur { .. } => Err(JobError::ReadOnly { link: link.to_string() }),
         Link::Controller(address) => {
             let remote = Remote::connect(address, joints)?;
             check_limits(&remote.hello().limits, robot).map_err(LinkError::from)?;

@@ -78,19 +78,10 @@ pub enum JobError {
         /// As given.
         link: String,
     },
-    /// The robot behind the link can be read, and nothing more.
-    #[error(
-        "link \"{link}\": robots of Universal Robots are read only: use spherecal collect or spherecal check, and guide the arm \
-         by hand"
-    )]
-    ReadOnly {
-        /// As given.
-        link: String,
-    },
     /// The link leads to no robot that can be commissioned.
     #[error(
-        "link \"{link}\": a robot is commissioned where it is connected: give franka:HOST, fri:PORT or tcp:HOST:PORT (or \
-         sim, to try it)"
+        "link \"{link}\": a robot is commissioned where it is connected: give franka:HOST, fri:PORT, ur:HOST or tcp:HOST:PORT \
+         (or sim, to try it)"
     )]
     NotCommissioned {
         /// As given.
@@ -189,7 +180,6 @@ impl JobError {
             | Self::Simulation(_)
             | Self::NoInjection { .. }
             | Self::NoRobot { .. }
-            | Self::ReadOnly { .. }
             | Self::NotCommissioned { .. }
             | Self::OtherRobot { .. }
             | Self::Resume { .. }

@@ -30,7 +30,7 @@ pub enum Link {
     /// The controller in this process; an LBR behind KUKA's Fast Robot Interface. Where this
     /// computer listens for the cabinet.
     Fri(SocketAddr),
-    /// A robot of Universal Robots behind RTDE. It can be read, and nothing more.
+    /// The controller in this process; a robot of Universal Robots behind RTDE and a program of ours.
     Ur {
         /// Address or name of the robot.
         host: String,

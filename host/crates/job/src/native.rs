@@ -8,11 +8,14 @@ use std::time::Duration;
 use spherecal_cyclic::{Machine, this_machine};
 use spherecal_fci::client as fci;
 use spherecal_fri::client as fri;
-use spherecal_link::native::{FrankaDrive, FrankaOptions, KukaDrive, KukaOptions, Undeclared, collision_behavior};
+use spherecal_link::native::{
+    FrankaDrive, FrankaOptions, KukaDrive, KukaOptions, Undeclared, UrDrive, UrOptions, collision_behavior,
+};
 use spherecal_link::{Drive, LinkError};
-use spherecal_model::robots::RobotModel;
+use spherecal_model::robots::{RobotModel, UR_MOTOR_KG_M2};
 use spherecal_shared::MAX_JOINTS;
 use spherecal_shared::procedure::Procedure;
+use spherecal_ur::client as ur;
 
 use super::link::Link;
 use super::{Config, DriveSection, JobError};
@@ -133,6 +136,25 @@ pub fn drive_on(
             tool: model.tool_in_table(),
             undeclared: undeclared(waiting),
         })?)),
+        Link::Ur { host, port } => {
+            let mut undeclared = undeclared(waiting);
+            // Torques are commanded and measured at the motors: these always show.
+            if undeclared.motor_kg_m2.is_empty() {
+                undeclared.motor_kg_m2 = model.robot.joints.iter().map(|_| UR_MOTOR_KG_M2).collect();
+            }
+            Ok(Box::new(UrDrive::connect(UrOptions {
+                config: ur::ClientConfig {
+                    machine,
+                    port: *port,
+                    state_timeout: SILENCE,
+                    ..ur::ClientConfig::new(host)
+                },
+                robot: model.robot.clone(),
+                tool: model.tool_in_table(),
+                load: model.tool.body,
+                undeclared,
+            })?))
+        }
         other => Err(JobError::NoRobot {
             link: other.to_string(),
         }),

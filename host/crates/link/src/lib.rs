@@ -18,12 +18,11 @@
 //! | `tcp:` | [`InProcess`] | [`TcpDrive`](tcp::TcpDrive) |
 //! | `franka:` | [`InProcess`] | [`FrankaDrive`](native::FrankaDrive) |
 //! | `fri:` | [`InProcess`] | [`KukaDrive`](native::KukaDrive) |
+//! | `ur:` | [`InProcess`] | [`UrDrive`](native::UrDrive) |
 //! | `controller:` | another process ([`Remote`](tcp::Remote)) | its own |
 //! | `grpc:` | a service of `spherecal-services` | its own |
 //!
-//! The host steps a [`Device`]: a cell, or the far end of a socket.
-//!
-//! The host link carries bytes in every mode, so every run exercises framing and repetition.
+//! The host steps a [`Device`]: a cell, or the far end of a socket. The host link carries bytes in every mode.
 
 mod attended;
 mod cell;

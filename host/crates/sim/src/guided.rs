@@ -112,10 +112,11 @@ impl ur::ArmHardware for GuidedArm<6> {
             q: self.q,
             qd: self.dq,
             moment: self.gravity(),
+            motor_torque: [0.0; 6],
         }
     }
 
-    fn step(&mut self, step_s: f64) -> ur::ArmState {
+    fn step(&mut self, _: ur::ArmCommand, step_s: f64) -> ur::ArmState {
         self.advance(step_s);
         ur::ArmHardware::state(self)
     }

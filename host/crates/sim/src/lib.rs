@@ -4,7 +4,7 @@
 //!   plant ── SimulatedArm (a Drive) ──────┐
 //!     │  ├── hand-guided arm (a Drive) ───┤
 //!     │  ├── RobotArm: behind the robot sides of spherecal-fci and spherecal-fri
-//!     │  └── RestingArm: behind the robot side of spherecal-ur
+//!     │  └── UrArm: behind the robot side of spherecal-ur
 //!     │                                   ├─▶ what spherecal-link sees of a cell
 //!     └───── SimulatedTracker             │
 //!   inject ─ FaultyCell (a Device) ───────┤
@@ -21,16 +21,16 @@ mod hand_guided;
 pub mod inject;
 mod lossy;
 pub mod plant;
-mod resting;
 mod robot_side;
 mod simulated;
 mod tracker;
+mod ur_arm;
 pub mod worlds;
 
 pub use guided::GuidedArm;
 pub use hand_guided::{OperatorCall, hand_guided_arm};
 pub use lossy::{InjectedCounter, LossyDevice, LossyLink};
-pub use resting::RestingArm;
 pub use robot_side::RobotArm;
 pub use simulated::{Disturb, SimulatedArm, SimulatedArmError, simulated_arm};
 pub use tracker::SimulatedTracker;
+pub use ur_arm::{UrArm, with_ur_motors};

@@ -1,11 +1,11 @@
-//! The interfaces of Universal Robots: the Real-Time Data Exchange (RTDE) and the primary interface.
+//! The interfaces of Universal Robots: the Real-Time Data Exchange (RTDE), the primary interface and the dashboard.
 //!
 //! Three rooms:
 //! - [`wire`]: packages of RTDE (protocol 2) and of the primary interface, encoded and decoded byte by byte.
-//! - [`client`]: reads a real robot. It commands nothing.
+//! - [`client`]: reads a real robot, and commands its torques.
 //! - [`robot`]: the robot's side, in front of a simulated arm, so that any client can be tested without a robot.
 //!
-//! Data flow: arm → [`robot`] → TCP → [`client`]. The crate knows nothing of the rest of spherecal. It contains no part of
+//! Data flow: arm ⇄ [`robot`] ⇄ TCP ⇄ [`client`]. The crate knows nothing of the rest of spherecal. It contains no part of
 //! the maker's software.
 //!
 //! # Conventions
@@ -24,3 +24,5 @@ pub const JOINTS: usize = 6;
 pub const RTDE_PORT: u16 = 30004;
 /// How far the port of the primary interface (30001 on a robot) is below that of RTDE.
 pub const PRIMARY_BELOW_RTDE: u16 = 3;
+/// How far the port of the dashboard (29999 on a robot) is below that of RTDE.
+pub const DASHBOARD_BELOW_RTDE: u16 = 5;

@@ -1,5 +1,5 @@
-//! Whole jobs over the robots' own wires (Franka's FCI and KUKA's FRI), with faults in the middle: network, robot,
-//! persons.
+//! Whole jobs over the robots' own wires (Franka's FCI, KUKA's FRI, RTDE of Universal Robots), with faults in the middle:
+//! network, robot, persons.
 //!
 //! ```text
 //!   job ─ campaign ─ controller ─ drive ──▶ network that fails ──▶ robot side ─ simulated arm
@@ -18,6 +18,7 @@
 mod job;
 mod real_time;
 mod robots;
+mod universal_robots;
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;

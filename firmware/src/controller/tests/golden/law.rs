@@ -191,7 +191,7 @@ fn one<const N: usize>(
     let correction = *state.feedback.correction(&exerted, 6.0, &poles, 2.0, PERIOD_S);
     digest.numbers(exerted.iter().chain(&poles).chain(&correction));
     let torques = core::array::from_fn(|i| limits[i].torque_nm * 0.4);
-    let (tau, shaped) = state.shaper.shape(&torque, &measured, &torques, 12.0);
+    let (tau, shaped) = state.shaper.shape(&torque, &measured, &torques, 12.0, 1.0);
     state.feedback.sent(&tau);
     digest.numbers(&tau);
     digest.count(u64::from(shaped.saturated) * 2 + u64::from(shaped.rate_limited));

@@ -141,27 +141,42 @@ impl Read for VirtualStream {
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize> {
         let ready = |state: &State| {
             let connection = &state.connections[&self.connection];
-            !self.world.is_out() && (!connection.open || !connection.bytes[self.end].is_empty())
+            !self.world.is_out() && (!connection.open || connection.ready(self.end, state.now) > 0)
         };
         self.world.wait(self.wait.get().unwrap_or_default(), ready);
         let mut state = self.world.state();
         if !ready(&state) {
             return Err(ErrorKind::WouldBlock.into());
         }
+        let now = state.now;
         let Some(connection) = state.connections.get_mut(&self.connection) else {
             return Ok(0);
         };
-        connection.bytes[self.end].read(buffer)
+        let most = connection.ready(self.end, now).min(buffer.len());
+        // A connection that was closed has lost what was on its way.
+        let most = if connection.open { most } else { buffer.len() };
+        connection.late[self.end].retain(|(due, _)| *due > now);
+        connection.bytes[self.end].read(&mut buffer[..most])
     }
 }
 
 impl Write for VirtualStream {
     fn write(&mut self, bytes: &[u8]) -> Result<usize> {
         let mut state = self.world.state();
-        match state.connections.get_mut(&self.connection) {
-            Some(connection) if connection.open => connection.bytes[1 - self.end].write(bytes),
-            _ => Err(Error::from(ErrorKind::BrokenPipe)),
+        let (now, to) = (state.now, 1 - self.end);
+        let late = self.world.lateness(&mut state);
+        let Some(connection) = state.connections.get_mut(&self.connection).filter(|one| one.open) else {
+            return Err(Error::from(ErrorKind::BrokenPipe));
+        };
+        let behind = connection.late[to].back().map(|(due, _)| *due).filter(|due| *due > now);
+        let due = late.max(behind);
+        let count = connection.bytes[to].write(bytes)?;
+        if let Some(due) = due {
+            connection.late[to].push_back((due, count));
+            // A reader that waits wakes up.
+            state.plan(due, Event::Action(Box::new(|| ())));
         }
+        Ok(count)
     }
 
     fn flush(&mut self) -> Result<()> {

@@ -32,6 +32,10 @@ pub struct Faults {
     pub loss: AtomicU32,
     /// Largest delay of a datagram, us. The order is kept.
     pub jitter_us: AtomicU32,
+    /// Writes to connections, of 10,000, whose bytes come late, and with them all bytes behind: a packet was lost and sent again.
+    pub late: AtomicU32,
+    /// How late they come, us.
+    pub late_us: AtomicU32,
     /// Nothing passes: datagrams are lost, connections stand still.
     pub cable_out: AtomicBool,
     /// Each datagram comes once more, after the next one: repeated and out of order.
@@ -204,6 +208,15 @@ impl World {
         }
     }
 
+    /// When bytes come that are sent now over a connection, if they are late.
+    pub(super) fn lateness(&self, state: &mut State) -> Option<Instant> {
+        let faults = self.faults();
+        let share = faults.late.load(Ordering::Relaxed);
+        let late = share > 0 && state.random.random_range(0..10_000) < share;
+        let by = Duration::from_micros(faults.late_us.load(Ordering::Relaxed).into());
+        late.then(|| state.now + by)
+    }
+
     /// Ends a process, unless it has ended.
     pub(super) fn end(&self, process: u64) {
         let mut state = self.state();
@@ -255,13 +268,30 @@ impl State {
 pub(super) struct Connection {
     /// For each end: the bytes that it has not read.
     pub(super) bytes: [VecDeque<u8>; 2],
+    /// For each end: how many of them are on their way, and when they are due.
+    pub(super) late: [VecDeque<(Instant, usize)>; 2],
     pub(super) open: bool,
 }
 
 impl Default for Connection {
     fn default() -> Self {
-        let bytes = Default::default();
-        Self { bytes, open: true }
+        let (bytes, late) = Default::default();
+        Self {
+            bytes,
+            late,
+            open: true,
+        }
+    }
+}
+
+impl Connection {
+    /// Bytes that this end can read now.
+    pub(super) fn ready(&self, end: usize, now: Instant) -> usize {
+        let late = self.late[end]
+            .iter()
+            .filter(|(due, _)| *due > now)
+            .map(|(_, count)| count);
+        self.bytes[end].len() - late.sum::<usize>()
     }
 }
 

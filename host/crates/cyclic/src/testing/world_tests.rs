@@ -128,3 +128,25 @@ fn connections_carry_bytes_and_close() {
     let refused = world.connect(to, MS).expect_err("nobody listens").kind();
     assert_eq!(refused, ErrorKind::ConnectionRefused);
 }
+
+// Fails if bytes of a connection that are late come at once, do not wake their reader, or are overtaken by later ones.
+#[test]
+fn late_bytes_come_in_their_order() {
+    let world = World::new(1);
+    let listener = world.listen(LOCAL).expect("a port");
+    let to = listener.address().expect("an address");
+    let mut client = world.connect(to, MS).expect("a connection");
+    let (mut server, _) = listener.accept().expect("a client");
+    let faults = world.faults();
+    faults.late_us.store(5000, Ordering::Relaxed);
+    faults.late.store(10_000, Ordering::Relaxed);
+    client.write_all(b"ab").expect("sent");
+    faults.late.store(0, Ordering::Relaxed);
+    client.write_all(b"c").expect("sent");
+    let mut buffer = [0; 8];
+    assert!(server.read(&mut buffer).is_err());
+    let begun = world.now();
+    server.set_wait(Some(20 * MS)).expect("a wait");
+    assert_eq!(server.read(&mut buffer).expect("bytes"), 3);
+    assert_eq!((&buffer[..3], world.now() - begun), (&b"abc"[..], 5 * MS));
+}

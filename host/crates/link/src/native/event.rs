@@ -26,6 +26,14 @@ pub enum DriveEvent {
     KukaWaits(spherecal_fri::wire::SessionState),
     /// The robot does not permit commands yet.
     KukaNotReady(spherecal_fri::client::EndCause),
+    /// A robot of Universal Robots ended the program.
+    UrEnded(spherecal_ur::client::ProgramEnd),
+    /// A robot of Universal Robots did not run the program that was sent.
+    UrNotStarted,
+    /// A robot of Universal Robots is asked to end its protective stop.
+    UrUnlocking,
+    /// A robot of Universal Robots stays stopped: a person has to act.
+    UrPersonNeeded(spherecal_ur::client::Unready),
     /// No state came for this long.
     Silent(Duration),
     /// States came again.
@@ -54,6 +62,12 @@ impl std::fmt::Display for DriveEvent {
                 "the cabinet's session is in {session}: start the application, and answer its question with \"Move\""
             ),
             Self::KukaNotReady(cause) => write!(f, "the cabinet permits no commands: {cause}"),
+            Self::UrEnded(end) => end.fmt(f),
+            Self::UrNotStarted => f.write_str(
+                "the robot did not run the program: choose remote control at the teach pendant (Settings, System, Remote Control)",
+            ),
+            Self::UrUnlocking => f.write_str("asking the dashboard to end the protective stop"),
+            Self::UrPersonNeeded(unready) => unready.fmt(f),
             Self::Silent(after) => write!(
                 f,
                 "no state from the robot for {} ms: check cable and network",

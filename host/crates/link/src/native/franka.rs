@@ -12,7 +12,7 @@ use spherecal_shared::protocol::host::LoopTiming;
 
 use super::franka_setup::{FrankaOptions, joint_limits, open, own_limits};
 use super::monitor::{DriveRecorder, Monitor};
-use super::{DriveEvent, GIVE_UP, PAUSE_TICKS, fill, periods, torques};
+use super::{DriveEvent, GIVE_UP, JOINTS, PAUSE_TICKS, fill, periods, torques};
 use crate::{Drive, LinkError};
 
 /// Session number of the drive: a lost connection ends the run, or goes on in the
@@ -287,7 +287,7 @@ impl Drive for FrankaDrive {
         self.missed = 0;
         if !std::mem::take(&mut self.answered) {
             if let Some(command) = command {
-                torques(&command.tau)?;
+                torques::<JOINTS>(&command.tau)?;
             }
             let carried_out = self.carry_out(command);
             self.survive(carried_out)?;
@@ -327,7 +327,7 @@ impl Drive for FrankaDrive {
     }
 
     fn answer(&mut self, command: &DriveCommand) -> Result<(), LinkError> {
-        torques(&command.tau)?;
+        torques::<JOINTS>(&command.tau)?;
         let carried_out = self.carry_out(Some(command));
         self.survive(carried_out)?;
         self.answered = true;

@@ -2,10 +2,11 @@
 //!
 //! ```text
 //!   controller ─ LocalDevice ─ FrankaDrive ─ spherecal-fci ──TCP, UDP──▶ Panda, FR3
-//!                            └ KukaDrive ─── spherecal-fri ──UDP───────▶ LBR iiwa, LBR Med
+//!                            ├ KukaDrive ─── spherecal-fri ──UDP───────▶ LBR iiwa, LBR Med
+//!                            └ UrDrive ───── spherecal-ur ───TCP───────▶ e-Series, UR20, UR30
 //! ```
 //!
-//! The robot is the clock: an exchange answers the newest state and waits for the next one. Both robots compensate
+//! The robot is the clock: an exchange answers the newest state and waits for the next one. The robots compensate
 //! gravity, so their hello says so. A stop of the robot (reflex, user stop, safety stop, session lost) becomes a
 //! [`DriveStatus`](spherecal_shared::protocol::drive::DriveStatus) that the controller takes for a fault; the robot's
 //! own words are a [`DriveEvent`]. After a stop no torque leaves until the robot is ready and the controller enables
@@ -20,6 +21,8 @@ mod franka_setup;
 mod histogram;
 mod kuka;
 mod monitor;
+mod ur;
+mod ur_start;
 mod wake_ups;
 
 use std::time::Duration;
@@ -32,6 +35,8 @@ pub use franka_setup::{FrankaOptions, collision_behavior};
 pub use histogram::Histogram;
 pub use kuka::{KukaDrive, KukaError, KukaOptions};
 pub use monitor::{DriveRecord, Monitor};
+pub use ur::UrDrive;
+pub use ur_start::{UrError, UrOptions};
 pub use wake_ups::WakeUps;
 
 /// Makes the calling thread a real-time thread, as far as the system permits, and reports how it went. For the thread
@@ -50,7 +55,7 @@ pub struct Undeclared {
     pub latency_us: u32,
 }
 
-/// Joints of every arm with such an interface.
+/// Joints of an arm of Franka or KUKA.
 pub const JOINTS: usize = 7;
 /// How long a robot may be silent before the drive gives up.
 const GIVE_UP: Duration = Duration::from_mins(1);
@@ -61,10 +66,10 @@ const PAUSE_TICKS: u64 = 1000;
 ///
 /// # Errors
 /// A command for another number of joints.
-fn torques(command: &[f64]) -> Result<[f64; JOINTS], crate::LinkError> {
+fn torques<const N: usize>(command: &[f64]) -> Result<[f64; N], crate::LinkError> {
     command.try_into().map_err(|_| crate::LinkError::Torques {
         found: command.len(),
-        joints: JOINTS,
+        joints: N,
     })
 }
 
@@ -74,8 +79,8 @@ fn periods(time: Duration, period_us: u32) -> u32 {
     u32::try_from(count).unwrap_or(u32::MAX).max(1)
 }
 
-fn fill(joints: &mut spherecal_shared::Joints, values: &[f64; JOINTS]) {
+fn fill<const N: usize>(joints: &mut spherecal_shared::Joints, values: &[f64; N]) {
     joints.clear();
-    // Seven values fit: a message carries up to MAX_JOINTS.
+    // They fit: a message carries up to MAX_JOINTS.
     let _ = joints.extend_from_slice(values);
 }

@@ -3,4 +3,5 @@
 mod drive_example;
 mod franka_drive;
 mod kuka_drive;
+mod ur_drive;
 mod ur_reader;

@@ -51,7 +51,7 @@ pub use standard_dh::{DhRow, StandardChain};
 pub use ur_parameters::UrParameters;
 pub use urdf_in::load as load_urdf_text;
 pub use urdf_out::{write_urdf, write_urdf_with_tcp};
-pub use vendor::ur_lengths;
+pub use vendor::{UR_MOTOR_KG_M2, ur_lengths};
 
 /// Largest URDF, in bytes: one without meshes has some 100 kB.
 const MOST_URDF_BYTES: u64 = 8 << 20;

@@ -158,6 +158,10 @@ pub(super) fn description_of(model: &RobotModel) -> Option<RobotModel> {
     }
 }
 
+/// Inertia of each motor of an arm of Universal Robots, seen at its joint, kg m². The maker does not state it. This is what
+/// MuJoCo Menagerie gives UR5e and UR10e (`armature`). It is a guess for the others.
+pub const UR_MOTOR_KG_M2: f64 = 0.1;
+
 /// The lengths d1, a2, a3, d4, d5, d6 (m) of a built-in robot of Universal Robots, by its name.
 pub fn ur_lengths(name: &str) -> Option<[f64; 6]> {
     UR_ROBOTS

@@ -16,6 +16,7 @@ const PART: usize = 4096;
 pub(super) struct Channel {
     machine: Arc<dyn Machine>,
     stream: Box<dyn Stream>,
+    peer: SocketAddr,
     pub(super) received: Vec<u8>,
 }
 
@@ -30,6 +31,7 @@ impl Channel {
                     return Ok(Self {
                         machine,
                         stream,
+                        peer: address,
                         received: Vec::new(),
                     });
                 }
@@ -37,6 +39,11 @@ impl Channel {
             }
         }
         Err(failed.unwrap_or(ClientError::Closed))
+    }
+
+    /// Who is at the other end.
+    pub(super) fn peer(&self) -> SocketAddr {
+        self.peer
     }
 
     pub(super) fn now(&self) -> Instant {

@@ -7,7 +7,7 @@ use std::time::Duration;
 use spherecal_cyclic::{Machine, this_machine};
 
 use super::ClientError;
-use crate::{PRIMARY_BELOW_RTDE, RTDE_PORT};
+use crate::{DASHBOARD_BELOW_RTDE, PRIMARY_BELOW_RTDE, RTDE_PORT};
 
 /// Settings of a connection.
 #[derive(Clone, Debug)]
@@ -16,7 +16,7 @@ pub struct ClientConfig {
     pub machine: Arc<dyn Machine>,
     /// Address or host name of the robot.
     pub host: String,
-    /// TCP port of RTDE. A real robot has 30004. The primary interface is three below it.
+    /// TCP port of RTDE. A real robot has 30004. The primary interface is three below it, the dashboard five.
     pub port: u16,
     /// How long to wait for the TCP connection.
     pub connect_timeout: Duration,
@@ -50,6 +50,11 @@ impl ClientConfig {
             return Err(unknown(std::io::ErrorKind::NotFound.into()));
         }
         Ok(found)
+    }
+
+    /// The port of the dashboard.
+    pub(super) fn dashboard_port(&self) -> u16 {
+        self.port.saturating_sub(DASHBOARD_BELOW_RTDE)
     }
 
     /// The port of the primary interface.

@@ -69,6 +69,23 @@ pub enum ClientError {
         /// What it should say.
         expected: &'static str,
     },
+    /// Another client writes a register that our program reads.
+    #[error(
+        "another client of the robot writes the RTDE input {field}: end the other program (or fieldbus) that uses this robot"
+    )]
+    InUse {
+        /// The register.
+        field: &'static str,
+    },
+    /// The robot has no torque interface.
+    #[error(
+        "the robot's software {version} takes no torques: direct_torque needs PolyScope 5.25.1 on an e-Series robot, or PolyScope \
+         X 10.12.1; with older software give contacts by hand (`spherecal collect`)"
+    )]
+    NoTorques {
+        /// The robot's software.
+        version: ControllerVersion,
+    },
     /// The robot refused to send.
     #[error("the robot refused \"{request}\"")]
     Refused {
@@ -95,6 +112,17 @@ pub enum Unready {
     /// The safety system stops the arm.
     #[error("the robot is stopped ({}): remove the cause, and unlock it at the teach pendant", safety_words(*.0))]
     Stopped(i32),
+}
+
+/// Why the program of torques does not run any more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ProgramEnd {
+    /// The robot is stopped or switched off.
+    #[error("{0}")]
+    Unready(Unready),
+    /// The robot is ready, but the program has ended: a person stopped it, another took its place, or no torque came for 24 ms.
+    #[error("the robot's program has ended: a person or another client stopped it, or no torques came for 24 ms")]
+    Ended,
 }
 
 fn mode_words(number: i32) -> String {

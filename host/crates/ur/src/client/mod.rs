@@ -1,17 +1,25 @@
-//! Reads a robot and commands nothing.
+//! Reads a robot, and commands its torques.
 //!
 //! [`ReadOnlyClient`] negotiates RTDE, asks for the fields that it needs and reads the stream. [`read_kinematics`] reads the
 //! robot's own calibration from the primary interface. Neither sends a script, an input or a motion.
+//!
+//! [`TorqueClient`] sends [our own program](crate::wire::PROGRAM) to the primary interface, and torques to its registers.
+//! [`ask_dashboard`] ends a protective stop.
 
 mod channel;
 mod config;
+mod dashboard;
 mod error;
 mod kinematics;
 mod read_only;
+mod rtde;
 mod state;
+mod torque;
 
 pub use config::ClientConfig;
-pub use error::{ClientError, Unready};
+pub use dashboard::{DashboardCommand, ask_dashboard};
+pub use error::{ClientError, ProgramEnd, Unready};
 pub use kinematics::read_kinematics;
 pub use read_only::ReadOnlyClient;
 pub use state::RobotState;
+pub use torque::{TorqueClient, TorqueState};

@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::JOINTS;
+use crate::wire::Load;
 
 /// The arm at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -13,15 +14,30 @@ pub struct ArmState {
     pub qd: [f64; JOINTS],
     /// Torques that hold arm and load, as the robot computes them, N m.
     pub moment: [f64; JOINTS],
+    /// Torques of the motors beyond those, by their currents, seen at the joints, N m.
+    pub motor_torque: [f64; JOINTS],
 }
 
-/// An arm that nobody commands: it rests with closed brakes, or a hand guides it.
+/// What the robot lets the arm do in a period.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum ArmCommand {
+    /// Hold the pose: by closed brakes, or by position control. A hand may guide an arm that is made for it.
+    #[default]
+    Hold,
+    /// Follow these torques, N m. The arm adds what holds it and its load.
+    Torque([f64; JOINTS]),
+}
+
+/// An arm that the robot moves.
 pub trait ArmHardware: Send {
     /// The arm now.
     fn state(&self) -> ArmState;
 
-    /// Lets this time pass, in s.
-    fn step(&mut self, step_s: f64) -> ArmState;
+    /// Lets this time pass, in s, under this command.
+    fn step(&mut self, command: ArmCommand, step_s: f64) -> ArmState;
+
+    /// What the robot is told to carry. An arm that nobody commands need not know.
+    fn set_load(&mut self, _load: &Load) {}
 }
 
 /// An arm that stays where the test puts it.
@@ -30,7 +46,7 @@ impl ArmHardware for Arc<Mutex<ArmState>> {
         *self.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn step(&mut self, _: f64) -> ArmState {
+    fn step(&mut self, _: ArmCommand, _: f64) -> ArmState {
         ArmHardware::state(self)
     }
 }

@@ -1,17 +1,25 @@
 //! The robot's side: RTDE and the primary interface in front of a simulated arm.
 //!
 //! [`RobotSide`] serves any number of clients, up to eight. It knows every output that a robot has by name; those that it
-//! does not simulate (currents, voltages, temperatures, digital inputs) are zero. Inputs are kept and can be read back, and
-//! move nothing: it runs no script. The primary interface sends the robot's calibration after a connection, and nothing
-//! more.
+//! does not simulate (currents, voltages, temperatures, digital inputs) are zero. Inputs are kept and can be read back. It
+//! interprets no script: it knows [our program](crate::wire::PROGRAM) by its text, and that of `ur-rtde`, as far as its torques
+//! need it, and refuses others.
+//! The primary interface sends the robot's calibration after a connection; the dashboard knows the lines that end a
+//! protective stop.
 
 mod arm;
 mod config;
+mod controls;
 mod outputs;
+mod ports;
+mod programs;
 mod registers;
 mod server;
 mod session;
+mod step;
+mod ur_rtde;
 
-pub use arm::{ArmHardware, ArmState};
+pub use arm::{ArmCommand, ArmHardware, ArmState};
 pub use config::RobotConfig;
-pub use server::{Controls, RobotSide, RobotStatistics};
+pub use controls::{Controls, RobotStatistics};
+pub use server::RobotSide;

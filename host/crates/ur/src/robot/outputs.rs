@@ -35,6 +35,7 @@ impl Outputs<'_> {
             "actual_q" | "target_q" => Value::Vector6D(self.arm.q),
             "actual_qd" | "target_qd" => Value::Vector6D(self.arm.qd),
             "target_moment" => Value::Vector6D(self.arm.moment),
+            "actual_current_as_torque" => Value::Vector6D(self.arm.motor_torque),
             "actual_TCP_pose" | "target_TCP_pose" => Value::Vector6D(flange_pose(self.kinematics, &self.arm.q)),
             "robot_mode" => Value::Int32(self.robot_mode),
             "safety_mode" | "safety_status" => Value::Int32(self.safety_mode),

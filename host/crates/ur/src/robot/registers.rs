@@ -1,10 +1,10 @@
-//! The inputs that clients write, and who may write them.
+//! The registers: inputs that clients write, and who may write them; outputs that a program writes.
 
 use std::collections::BTreeMap;
 
 use crate::wire::{IN_USE, NOT_FOUND, Recipe, Setup, Value, input_type};
 
-/// Values and owners of the inputs.
+/// Values of the registers, and owners of the inputs.
 #[derive(Debug, Default)]
 pub(super) struct Registers {
     /// What was written last; it stays when its writer leaves.
@@ -16,6 +16,14 @@ impl Registers {
     /// What was written last.
     pub(super) fn value(&self, name: &str) -> Option<Value> {
         self.values.get(name).copied()
+    }
+
+    /// Sets an output register: a program does.
+    pub(super) fn set(&mut self, name: &str, value: Value) {
+        match self.values.get_mut(name) {
+            Some(kept) => *kept = value,
+            None => drop(self.values.insert(name.to_owned(), value)),
+        }
     }
 
     /// Gives these inputs to a client, all or none. The answer has number 0 if one is unknown or another client has it.
@@ -40,9 +48,10 @@ impl Registers {
     }
 
     /// Keeps what a client wrote.
-    pub(super) fn write(&mut self, recipe: &Recipe, values: Vec<Value>) {
-        let names = recipe.fields.iter().map(|(name, _)| name.clone());
-        self.values.extend(names.zip(values));
+    pub(super) fn write(&mut self, recipe: &Recipe, values: &[Value]) {
+        for ((name, _), value) in recipe.fields.iter().zip(values) {
+            self.set(name, *value);
+        }
     }
 
     /// A client has left: others may have its inputs.

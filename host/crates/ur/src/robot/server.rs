@@ -1,68 +1,31 @@
-//! The robot side on the network: two ports and the clock, as a process of its own.
+//! The robot side on the network: its ports, its clock and its program, as a process of its own.
 
-use std::io::ErrorKind;
+use std::collections::VecDeque;
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicI32, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use spherecal_cyclic::{Listener, Machine, PeriodClock, Process, Published, Side, Wire};
+use spherecal_cyclic::{Listener, PeriodClock, Process, Published, Side};
 
-use super::arm::ArmHardware;
+use super::arm::{ArmCommand, ArmHardware};
 use super::config::RobotConfig;
+use super::controls::{Controls, RobotStatistics};
 use super::outputs::{Outputs, known};
+use super::ports::{MOST_CLIENTS, Ports, open};
+use super::programs::{Program, torque_order};
 use super::registers::Registers;
 use super::session::{Session, Wanted};
-use crate::PRIMARY_BELOW_RTDE;
+use super::step::Step;
 use crate::wire::{
-    Answer, MAX_NAMES, MAX_REQUEST, NOT_FOUND, PROTOCOL, Request, RobotMode, RuntimeState, SafetyMode, Setup,
-    TextLevel, TextMessage, WireError, take_package,
+    Answer, MAX_NAMES, MAX_REQUEST, NOT_FOUND, PROTOCOL, Recipe, Request, RobotMode, RuntimeState, SafetyMode, Setup,
+    TextLevel, TextMessage, Value, WireError, program_name, take_package,
 };
 
-/// Clients of each port.
-const MOST_CLIENTS: usize = 8;
+/// Packages of inputs that a client may send before it sees that the program has ended: those of 16 ms.
+const SEES_END: i32 = 8;
 /// Recipes of inputs that a client may have.
 const MOST_RECIPES: usize = 255;
-/// Pairs of free ports that are tried.
-const TRIALS: usize = 64;
-
-/// What the robot side counted since its start.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct RobotStatistics {
-    /// Periods that the robot lived through.
-    pub periods: u64,
-    /// Periods by which its clock fell behind the time, because its thread was late.
-    pub slipped: u64,
-    /// Data packages that were sent.
-    pub packages: u64,
-    /// Data packages with inputs that came.
-    pub inputs: u64,
-    /// Connections that ended by a package that is none, or by a client that does not read.
-    pub broken: u64,
-    /// Clients of RTDE now.
-    pub clients: usize,
-}
-
-/// What persons and safety functions do. Every change acts within a period.
-#[derive(Debug)]
-pub struct Controls {
-    /// Number of the [`RobotMode`]; at the start `RUNNING`.
-    pub robot_mode: AtomicI32,
-    /// Number of the [`SafetyMode`]; at the start `NORMAL`.
-    pub safety_mode: AtomicI32,
-    /// Number of the [`RuntimeState`]; at the start `STOPPED`.
-    pub runtime_state: AtomicI32,
-}
-
-impl Default for Controls {
-    fn default() -> Self {
-        Self {
-            robot_mode: RobotMode::Running.number().into(),
-            safety_mode: SafetyMode::Normal.number().into(),
-            runtime_state: RuntimeState::Stopped.number().into(),
-        }
-    }
-}
 
 /// A running robot side. It ends when it is dropped.
 pub struct RobotSide {
@@ -71,13 +34,13 @@ pub struct RobotSide {
 }
 
 impl RobotSide {
-    /// Listens at both ports and starts the robot's clock.
+    /// Listens at all ports and starts the robot's clock.
     ///
     /// # Errors
     /// What the system says if an address cannot be used.
     pub fn start(config: RobotConfig, arm: Box<dyn ArmHardware>) -> std::io::Result<Self> {
         let machine = Arc::clone(&config.machine);
-        let (rtde, primary) = listeners(machine.as_ref(), config.address)?;
+        let (rtde, ports) = open(machine.as_ref(), config.address)?;
         let address = rtde.address()?;
         let period = Duration::from_secs_f64(1.0 / config.series().rate_hz());
         let clock = PeriodClock::start(period, machine.now());
@@ -85,11 +48,15 @@ impl RobotSide {
             calibration: config.kinematics.encode(),
             config,
             rtde,
-            primary,
+            ports,
             arm,
             sessions: Vec::new(),
-            observers: Vec::new(),
             registers: Registers::default(),
+            written: VecDeque::new(),
+            program: None,
+            ended: 0,
+            seen: 0,
+            stopped_at: None,
             next: 0,
             count: RobotStatistics::default(),
             clock,
@@ -119,31 +86,21 @@ impl RobotSide {
     }
 }
 
-/// The ports of RTDE and of the primary interface.
-fn listeners(machine: &dyn Machine, at: SocketAddr) -> std::io::Result<(Box<dyn Listener>, Box<dyn Listener>)> {
-    let mut refused = ErrorKind::AddrNotAvailable.into();
-    for _ in 0..TRIALS {
-        let rtde = machine.listen(at)?;
-        let port = rtde.address()?.port();
-        let below = port.checked_sub(PRIMARY_BELOW_RTDE).filter(|port| *port > 0);
-        let primary = SocketAddr::new(at.ip(), below.ok_or(ErrorKind::AddrNotAvailable)?);
-        match machine.listen(primary) {
-            Ok(primary) => return Ok((rtde, primary)),
-            Err(error) if at.port() != 0 => return Err(error),
-            Err(error) => refused = error,
-        }
-    }
-    Err(refused)
-}
-
 struct RobotServer {
     config: RobotConfig,
     rtde: Box<dyn Listener>,
-    primary: Box<dyn Listener>,
+    ports: Ports,
     arm: Box<dyn ArmHardware>,
     sessions: Vec<Session>,
-    observers: Vec<Wire>,
     registers: Registers,
+    /// Inputs that no program can read yet, with the period from which on one can.
+    written: VecDeque<(u64, Arc<Recipe>, Vec<Value>)>,
+    program: Option<Program>,
+    /// The last number that the program read which ended, and the last one that came.
+    ended: i32,
+    seen: i32,
+    /// The period in which a protective stop began.
+    stopped_at: Option<u64>,
     /// The robot state that each client of the primary interface gets.
     calibration: Vec<u8>,
     /// Number of the next client.
@@ -164,14 +121,25 @@ impl Process for RobotServer {
 }
 
 impl RobotServer {
+    /// A control period: what came, a step of the program, what is sent, and then the arm moves.
     fn period(&mut self) {
+        self.count.periods += 1;
         self.accept();
         self.serve();
-        self.arm.step(self.clock.period().as_secs_f64());
-        self.count.periods += 1;
+        while let Some((_, recipe, values)) = self.written.pop_front_if(|(due, ..)| *due <= self.count.periods) {
+            self.registers.write(&recipe, &values);
+        }
+        let command = self.run();
         self.send();
+        let arm = self.arm.step(command, self.clock.period().as_secs_f64());
+        let limits = &self.config.limits;
+        if self.program.is_some() && arm.qd.iter().zip(limits).any(|(speed, limit)| speed.abs() > limit.0) {
+            self.protective_stop();
+        }
+        self.count.followed += u64::from(command != ArmCommand::Hold);
         self.count.clients = self.sessions.len();
         self.count.slipped = self.clock.slipped();
+        self.count.runs = self.program.is_some();
         self.shared.publish(self.count);
     }
 
@@ -182,19 +150,103 @@ impl RobotServer {
                 self.sessions.push(Session::new(self.next, stream));
             }
         }
-        while let Ok((stream, _)) = self.primary.accept() {
-            if self.observers.len() < MOST_CLIENTS {
-                let mut wire = Wire::new(stream);
-                wire.send(&self.calibration);
-                self.observers.push(wire);
+        let stopped_s = self.stopped_at.map_or(0.0, |since| {
+            (self.count.periods - since) as f64 * self.clock.period().as_secs_f64()
+        });
+        for script in self.ports.serve(&self.calibration, &self.shared.controls, stopped_s) {
+            self.start(&script);
+        }
+    }
+
+    /// Whether the robot lets a program run.
+    fn permits(&self) -> bool {
+        let controls = &self.shared.controls;
+        let safety = SafetyMode::from_number(controls.safety_mode.load(Ordering::Relaxed));
+        matches!(safety, Ok(SafetyMode::Normal | SafetyMode::Reduced))
+            && controls.robot_mode.load(Ordering::Relaxed) == RobotMode::Running.number()
+    }
+
+    /// A script came. It takes the place of the one that runs, if this side knows it.
+    fn start(&mut self, script: &str) {
+        if !self.shared.controls.remote.load(Ordering::Relaxed) || !self.permits() {
+            return;
+        }
+        let Some((program, load)) = Program::recognise(script, &self.registers) else {
+            self.count.refused += 1;
+            let name = program_name(script).unwrap_or("without a name");
+            let words = format!("the program {name} is none of those that this simulated robot runs");
+            self.sessions
+                .iter_mut()
+                .for_each(|session| session.answer(&text(&words)));
+            return;
+        };
+        if let Some(load) = load {
+            self.arm.set_load(&load);
+        }
+        self.count.programs += 1;
+        self.program = Some(program);
+        self.shared.controls.stop_program.store(false, Ordering::Relaxed);
+        self.tell(RuntimeState::Playing);
+    }
+
+    fn tell(&self, state: RuntimeState) {
+        self.shared
+            .controls
+            .runtime_state
+            .store(state.number(), Ordering::Relaxed);
+    }
+
+    fn end(&mut self) {
+        if let Some(program) = self.program.take() {
+            self.ended = program.number();
+            self.tell(RuntimeState::Stopped);
+        }
+    }
+
+    fn protective_stop(&mut self) {
+        self.count.limits += 1;
+        let safety = &self.shared.controls.safety_mode;
+        safety.store(SafetyMode::ProtectiveStop.number(), Ordering::Relaxed);
+        self.end();
+    }
+
+    /// A step of the program: what the arm does until the next one.
+    fn run(&mut self) -> ArmCommand {
+        let controls = &self.shared.controls;
+        let stopped = controls.safety_mode.load(Ordering::Relaxed) == SafetyMode::ProtectiveStop.number();
+        self.stopped_at = self.stopped_at.or(Some(self.count.periods)).filter(|_| stopped);
+        if controls.stop_program.swap(false, Ordering::Relaxed) || !self.permits() {
+            self.end();
+        }
+        let order = torque_order(&self.registers).filter(|number| *number != self.seen);
+        self.seen = order.unwrap_or(self.seen);
+        let Some(program) = &mut self.program else {
+            let after = order.is_some_and(|number| number.wrapping_sub(self.ended) > SEES_END);
+            self.count.after_stop += u64::from(after);
+            return ArmCommand::Hold;
+        };
+        match program.step(&mut self.registers) {
+            Step::Runs(ArmCommand::Torque(torque))
+                if torque
+                    .iter()
+                    .zip(&self.config.limits)
+                    .any(|(torque, limit)| torque.is_nan() || torque.abs() > limit.1) =>
+            {
+                self.protective_stop();
+                ArmCommand::Hold
+            }
+            Step::Runs(command) => command,
+            Step::Ends(words) => {
+                self.count.silent += 1;
+                if let Some(words) = words {
+                    self.sessions
+                        .iter_mut()
+                        .for_each(|session| session.answer(&text(&words)));
+                }
+                self.end();
+                ArmCommand::Hold
             }
         }
-        self.observers.retain_mut(|wire| {
-            // Scripts are read and forgotten.
-            let alive = wire.poll();
-            wire.received.clear();
-            alive
-        });
     }
 
     fn serve(&mut self) {
@@ -240,7 +292,7 @@ impl RobotServer {
                     Answer::SetupInputs(Setup::default())
                 } else {
                     let (setup, recipe) = self.registers.claim(session.number, &names, number as u8);
-                    session.inputs.extend(recipe);
+                    session.inputs.extend(recipe.map(Arc::new));
                     Answer::SetupInputs(setup)
                 }
             }
@@ -256,7 +308,9 @@ impl RobotServer {
             Request::Data(number, values) => {
                 let recipe = usize::from(number).checked_sub(1).and_then(|k| session.inputs.get(k));
                 if let Some(recipe) = recipe {
-                    self.registers.write(recipe, recipe.decode(&values)?);
+                    let due = self.count.periods + u64::from(self.config.input_delay);
+                    self.written
+                        .push_back((due, Arc::clone(recipe), recipe.decode(&values)?));
                     self.count.inputs += 1;
                 }
                 return Ok(true);

@@ -1,5 +1,7 @@
 //! One client of the robot side: what it sent, and what waits for it.
 
+use std::sync::Arc;
+
 use spherecal_cyclic::{Stream, Wire};
 
 use crate::wire::{Answer, FieldType, Recipe};
@@ -18,7 +20,7 @@ pub(super) struct Session {
     /// Protocol 2 is agreed.
     pub(super) agreed: bool,
     pub(super) outputs: Option<Wanted>,
-    pub(super) inputs: Vec<Recipe>,
+    pub(super) inputs: Vec<Arc<Recipe>>,
     pub(super) started: bool,
 }
 

@@ -4,7 +4,7 @@ use super::WireError;
 
 /// The bytes of one package that were not read yet.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Bytes<'a> {
+pub(crate) struct Bytes<'a> {
     left: &'a [u8],
     kind: &'static str,
 }
@@ -48,12 +48,20 @@ impl<'a> Bytes<'a> {
         Ok(u64::from_be_bytes(self.array(field)?))
     }
 
-    pub(super) fn i32(&mut self, field: &'static str) -> Result<i32, WireError> {
+    pub(crate) fn i32(&mut self, field: &'static str) -> Result<i32, WireError> {
         Ok(i32::from_be_bytes(self.array(field)?))
     }
 
-    pub(super) fn f64(&mut self, field: &'static str) -> Result<f64, WireError> {
+    pub(crate) fn f64(&mut self, field: &'static str) -> Result<f64, WireError> {
         Ok(f64::from_be_bytes(self.array(field)?))
+    }
+
+    pub(crate) fn doubles<const N: usize>(&mut self, field: &'static str) -> Result<[f64; N], WireError> {
+        let mut numbers = [0.0; N];
+        numbers
+            .iter_mut()
+            .try_for_each(|number| self.f64(field).map(|read| *number = read))?;
+        Ok(numbers)
     }
 
     /// Everything that is left.

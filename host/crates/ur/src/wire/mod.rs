@@ -3,17 +3,21 @@
 //! RTDE: each package is `u16` size (header included), `u8` kind, payload: a [`Request`] of the client or an [`Answer`] of the
 //! robot. A client negotiates protocol 2, names the fields that it wants (the *recipe*) and their rate, and starts the stream
 //! of data packages. The
-//! [primary interface](primary) sends the robot's own calibration once after the connection.
+//! [primary interface](primary) sends the robot's own calibration once after the connection, and takes [`PROGRAM`].
 //!
 //! Every decoder is total: it returns a [`WireError`] for bytes that are no package, and never panics.
 
 mod bytes;
+mod data;
 mod fields;
 mod modes;
 mod package;
 pub mod primary;
+mod program;
 mod value;
 
+pub(crate) use bytes::Bytes as Reader;
+pub(crate) use data::{data_package, take_data};
 pub use fields::{input_type, output_type};
 pub use modes::{RobotMode, RuntimeState, SafetyMode, Series, words};
 pub use package::{
@@ -21,6 +25,7 @@ pub use package::{
     Setup, TextLevel, TextMessage, take_package,
 };
 pub use primary::KinematicsInfo;
+pub use program::{ACKNOWLEDGED, INPUTS, Load, Order, PATIENCE_STEPS, PROGRAM, program_name};
 pub use value::{FieldType, IN_USE, NOT_FOUND, Value};
 
 /// Why bytes are no package.

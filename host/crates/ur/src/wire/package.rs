@@ -77,6 +77,14 @@ pub struct ControllerVersion {
     pub build: u32,
 }
 
+impl ControllerVersion {
+    /// Whether programs have `direct_torque` with scales of the friction: since 5.25.1 and 10.12.1.
+    pub fn has_torques(&self) -> bool {
+        let since = if self.major >= 10 { (10, 12, 1) } else { (5, 25, 1) };
+        (self.major, self.minor, self.bugfix) >= since
+    }
+}
+
 impl std::fmt::Display for ControllerVersion {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}.{}.{}.{}", self.major, self.minor, self.bugfix, self.build)

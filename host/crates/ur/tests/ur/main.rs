@@ -4,4 +4,5 @@ mod common;
 mod loopback;
 mod official_client;
 mod registers;
+mod torque;
 mod wire;
