@@ -25,6 +25,7 @@
 //! The host steps a [`Device`]: a cell, or the far end of a socket. The host link carries bytes in every mode.
 
 mod attended;
+mod boxed;
 mod cell;
 mod endpoint;
 mod fault;
@@ -261,40 +262,6 @@ pub trait Device: Send {
     fn keep_alive(&mut self, _keep_alives: &KeepAlives) {}
 }
 
-impl<D: Device + ?Sized> Device for Box<D> {
-    fn waits(&self) -> bool {
-        (**self).waits()
-    }
-
-    fn simulated(&self) -> Option<bool> {
-        (**self).simulated()
-    }
-
-    fn now_us(&self) -> u64 {
-        (**self).now_us()
-    }
-
-    fn ticks(&self) -> u64 {
-        (**self).ticks()
-    }
-
-    fn step(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
-        (**self).step(down, up)
-    }
-
-    fn move_plate(&mut self, place: u32) -> bool {
-        (**self).move_plate(place)
-    }
-
-    fn monitor(&self) -> Option<native::Monitor> {
-        (**self).monitor()
-    }
-
-    fn keep_alive(&mut self, keep_alives: &KeepAlives) {
-        (**self).keep_alive(keep_alives);
-    }
-}
-
 /// The controller, wherever it runs: one control period at a time.
 pub trait Controller: Send {
     /// Passes the drive's hello to the controller, once, before the first period.
@@ -323,40 +290,6 @@ pub trait Controller: Send {
         down: &[u8],
         up: &mut Vec<u8>,
     ) -> Result<DriveCommand, LinkError>;
-}
-
-impl<D: Drive + ?Sized> Drive for Box<D> {
-    fn hello(&self) -> &DriveHello {
-        (**self).hello()
-    }
-
-    fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
-        (**self).exchange(command, state)
-    }
-
-    fn answer(&mut self, command: &DriveCommand) -> Result<(), LinkError> {
-        (**self).answer(command)
-    }
-
-    fn missed(&self) -> u32 {
-        (**self).missed()
-    }
-
-    fn timing(&self) -> Option<LoopTiming> {
-        (**self).timing()
-    }
-
-    fn move_plate(&mut self, place: u32) -> bool {
-        (**self).move_plate(place)
-    }
-
-    fn counters(&self) -> LinkCounters {
-        (**self).counters()
-    }
-
-    fn monitor(&self) -> Option<native::Monitor> {
-        (**self).monitor()
-    }
 }
 
 /// The drive, wherever it is: one control period at a time.

@@ -150,7 +150,7 @@ fn torques_act_and_are_told_as_those_on_the_links() {
     let world = World::new(0);
     let limits: Vec<f64> = ur5e().joints.iter().map(|joint| joint.limits.torque_nm).collect();
     let side = robot(&world, |robot| {
-        robot.limits = std::array::from_fn(|j| (10.0, limits[j]))
+        robot.limits = std::array::from_fn(|j| (10.0, limits[j]));
     });
     let mut drive = connect(&world, &side).expect("a drive");
     let (mut state, mut events) = (DriveState::default(), Vec::new());

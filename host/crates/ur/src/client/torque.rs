@@ -5,8 +5,8 @@ use super::rtde::{Fields, Rtde};
 use super::{ClientConfig, ClientError, RobotState};
 use crate::JOINTS;
 use crate::wire::{
-    ACKNOWLEDGED, ControllerVersion, FieldType, INPUTS, Load, Order, PROGRAM, Reader, Series, WireError, data_package,
-    take_data,
+    ACKNOWLEDGED, ControllerVersion, FieldType, INPUTS, Load, Order, PROGRAM, Reader, Series, Taken, WireError,
+    data_package, take_data,
 };
 
 /// The fields that this client reads, in this order.
@@ -121,7 +121,7 @@ impl TorqueClient {
         let mut found = false;
         loop {
             while let Some(taken) = take_data(&mut self.rtde.channel.received, self.outputs, TorqueState::read)? {
-                if let Some(newest) = taken {
+                if let Taken::Data(newest) = taken {
                     *state = newest;
                     found = true;
                 }

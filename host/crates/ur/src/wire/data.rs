@@ -3,8 +3,15 @@
 use super::bytes::Bytes;
 use super::{HEADER_SIZE, MAX_ANSWER, PackageKind, WireError};
 
-/// Takes the first package from what has come. The inner value is what `read` makes of a data package of this recipe; `None`
-/// for another package. The outer is `None` while the package is not whole.
+/// A package that came.
+pub(crate) enum Taken<T> {
+    /// A data package of the recipe.
+    Data(T),
+    /// Another package.
+    Other,
+}
+
+/// Takes the first package from what has come; `None` while it is not whole. `read` reads a data package of this recipe.
 ///
 /// # Errors
 /// A [`WireError`] if it is no package, or not the one that `read` expects.
@@ -12,7 +19,7 @@ pub(crate) fn take_data<T>(
     received: &mut Vec<u8>,
     recipe: u8,
     read: impl FnOnce(&mut Bytes<'_>) -> Result<T, WireError>,
-) -> Result<Option<Option<T>>, WireError> {
+) -> Result<Option<Taken<T>>, WireError> {
     let Some(&[high, low, kind]) = received.first_chunk::<HEADER_SIZE>() else {
         return Ok(None);
     };
@@ -33,9 +40,9 @@ pub(crate) fn take_data<T>(
             let mut bytes = Bytes::new(values, kind.name());
             let value = read(&mut bytes)?;
             bytes.end()?;
-            Some(value)
+            Taken::Data(value)
         }
-        _ => None,
+        _ => Taken::Other,
     };
     received.drain(..size);
     Ok(Some(found))

@@ -17,7 +17,7 @@ mod program;
 mod value;
 
 pub(crate) use bytes::Bytes as Reader;
-pub(crate) use data::{data_package, take_data};
+pub(crate) use data::{Taken, data_package, take_data};
 pub use fields::{input_type, output_type};
 pub use modes::{RobotMode, RuntimeState, SafetyMode, Series, words};
 pub use package::{
