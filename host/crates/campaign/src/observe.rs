@@ -58,7 +58,7 @@ pub struct Progress {
     pub device_s: f64,
     /// Estimated contact force, in N, from the newest telemetry.
     pub force_n: f64,
-    /// Whether that force says nothing, because the arm is near a singular posture ([`ForceSense`]).
+    /// Whether that force says nothing, because the arm is near a singular posture (see [`ForceSense`](crate::force::ForceSense)).
     pub force_is_vague: bool,
     /// What the drive measured of its real-time loop, if a robot's own interface is in this process.
     #[serde(skip)]
@@ -114,7 +114,7 @@ pub struct TelemetrySummary {
     pub rate_limited: u64,
     /// Samples near a singularity.
     pub near_singular: u64,
-    /// Largest estimated contact force that the errors of the torque sensors do not explain, in N ([`ForceSense`]).
+    /// Largest estimated contact force that the errors of the torque sensors do not explain, in N.
     pub max_force_n: f64,
     /// Largest joint speed, in rad/s.
     pub max_speed_rad_s: f64,

@@ -4,7 +4,7 @@
 //! Fit ─ Linear ─ scan (alternatives · selection) ─▶ findings, and the fit with their columns
 //! ```
 //!
-//! Beside them the model holds errors of the joints that no cause is ([`cross`]): without them their slow course passes for
+//! Beside them the model holds errors of the joints that no cause is (`cross`): without them their slow course passes for
 //! causes.
 //!
 //! A cause that is found is a part of the model from then on: the estimate and its covariance are those of the fit with its
