@@ -3,12 +3,12 @@
 //! They have the same joint angles, so the errors of the nominal model cancel. What is left is the
 //! seat, the noise of the encoders and the drift of the arm. In simulation two couplings lie at most
 //! 0.04 mm apart, with 1 to 2 N m of dry friction 0.06 mm. A nest that seats badly in 40 % of the
-//! couplings (the plant `as_measured`) has 26 % of the pairs beyond 0.15 mm, so no single coupling
+//! couplings (the plant `as_measured_socket`) has 26 % of the pairs beyond 0.15 mm, so no single coupling
 //! counts there:
 //!
 //! - The *place* of a visit is that of two couplings that agree, or of the first one.
 //! - A later coupling at the place ends the comparison. Else the arm couples again.
-//! - Bad seats agree by chance, too: on `as_measured` two of three within 0.15 mm in one case of two. Only good seats lie
+//! - Bad seats agree by chance, too: on `as_measured_socket` two of three within 0.15 mm in one case of two. Only good seats lie
 //!   within 0.06 mm of each other. So a sphere has moved if three couplings in a row lie as near to each other and off
 //!   the place, and two lay as near at the place; if they are farther off than a bad seat; or if eight are off and do
 //!   not agree.
@@ -42,7 +42,7 @@ const DRIFT_M_S: f64 = 0.4e-3 / 3600.0;
 /// Largest drift, in m, however long it takes.
 const DRIFT_M: f64 = 0.4e-3;
 /// Largest distance of a bad seat from the good one, in m. With [`AGREE_M`], by which good ones differ, it is the
-/// largest distance of a first coupling that may be a bad one: of 270 on `as_measured`, four were 0.97 to 1.01 mm off.
+/// largest distance of a first coupling that may be a bad one: of 270 on `as_measured_socket`, four were 0.97 to 1.01 mm off.
 const BAD_SEAT_M: f64 = 0.001;
 
 /// What a coupling says.

@@ -77,7 +77,7 @@ fn a_bad_seat_is_not_a_moved_sphere() {
 }
 
 // Fails if bad seats that agree by chance count as a moved sphere, at either place. The couplings are those of a run of
-// the paper's grid on `as_measured`, where nothing moved.
+// the paper's grid on `as_measured_socket`, where nothing moved.
 #[test]
 fn bad_seats_that_agree_by_chance_are_no_moved_sphere() {
     let at_mm = |x: f64, y: f64, z: f64| Coupled {
