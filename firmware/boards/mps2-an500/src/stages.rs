@@ -116,7 +116,7 @@ pub fn run() -> ! {
         let hold = black_box(JointSetpoint { q: dq, dq: q });
         measure(&mut costs[10].1, overhead, || joint_spring(snapshot, &hold, 20.0, 1.0));
         measure(&mut costs[11].1, overhead, || {
-            shaper.shape(&torque, &dq, &[100.0; N], 1.0)
+            shaper.shape(&torque, &dq, &[100.0; N], 1.0, 1.0)
         });
     }
     for (name, cost) in costs {
