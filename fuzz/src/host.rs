@@ -30,7 +30,7 @@ pub fn events(data: &[u8]) {
             }
             Err(_) => body.to_vec(),
         };
-        let stored: Result<(), ()> = endpoint.receive(&up, &mut arrived, |batch, _| {
+        let stored: Result<(), ()> = endpoint.receive(&up, &mut arrived, |batch| {
             for arrival in batch {
                 let next = last.map_or(arrival.event, |last: u32| last.wrapping_add(1).max(1));
                 assert_eq!(arrival.event, next, "out of order");
