@@ -1,7 +1,6 @@
 //! Every damage walked to its end: check, recover, check, resume, and the database of a run that nothing disturbed.
 //!
-//! `SPHERECAL_CIRCLES=1000 cargo test -p spherecal --test cli circles -- --ignored` walks as many as are asked, and
-//! `SPHERECAL_CIRCLES_SEED` draws others.
+//! `SPHERECAL_CIRCLES=1000 cargo test -p spherecal --test cli circles -- --ignored` walks as many as are asked.
 
 #![cfg(unix)]
 
@@ -374,7 +373,8 @@ fn slow_every_damage_is_walked_to_its_end() {
 #[test]
 #[ignore = "long: the nightly run has it"]
 fn long_every_damage_is_walked_to_its_end() {
-    let asked = |name: &str| std::env::var(name).ok().and_then(|text| text.parse::<u32>().ok());
-    let count = asked("SPHERECAL_CIRCLES").unwrap_or(300);
-    walk(count as usize, 12, asked("SPHERECAL_CIRCLES_SEED").unwrap_or(2).into());
+    let asked = std::env::var("SPHERECAL_CIRCLES")
+        .ok()
+        .and_then(|text| text.parse().ok());
+    walk(asked.unwrap_or(300), 12, 2);
 }

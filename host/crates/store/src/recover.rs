@@ -4,20 +4,19 @@
 //! their number, so a damaged page costs only the rows on it. A list of tables that differs from that
 //! of a fresh database is replaced by it where more rows can then be read: databases of this program
 //! have the same tables in the same places. Each row is compared with its digest, and a row that differs is left
-//! out. Damaged settings, certificates and poses are restored from their second copy. Rows of a page whose head is damaged
-//! are found by their own bytes.
+//! out. Damaged settings, certificates and poses are restored from their second copy.
 //!
 //! Of a damaged log, SQLite reads what is before the damage. A second copy has all sound frames of the log, and the
 //! rows of both are taken. A file of a newer schema is refused: it has columns of which this program knows nothing.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use sqlx::{AnyConnection, Connection as _};
 
-use self::rows::{StoredRow, columns_of, insert_rows, read_rows, reals_of, run_of};
+use self::rows::{columns_of, insert_rows, read_rows, run_of};
 use self::schema::{NoSource, sources_of};
 use self::seals::Seals;
 use super::acknowledged;
@@ -27,7 +26,6 @@ use super::seal::{RUNS, seal};
 use super::statement::put_digest;
 use super::{RunInfo, SCHEMA_VERSION, SqlStore, StoreError};
 
-mod carve;
 mod rows;
 mod schema;
 mod seals;
@@ -108,13 +106,12 @@ pub fn recover(damaged: &Path, new: &Path) -> Result<Recovered, StoreError> {
         .enable_all()
         .build()
         .map_err(|source| workshop.io(source))?;
-    let (columns, shapes) = target.block(async |connection| {
-        let (mut columns, mut shapes) = (Vec::new(), Vec::new());
+    let columns = target.block(async |connection| {
+        let mut columns = Vec::new();
         for table in TABLES.into_iter().chain(["digests"]) {
             columns.push((table, columns_of(table, connection).await?));
-            shapes.push((table, reals_of(table, connection).await?));
         }
-        Ok((columns, shapes))
+        Ok(columns)
     })?;
     let sources = runtime.block_on(sources_of(&workshop, &fresh, &columns));
     let mut sources = sources.map_err(|error| match error {
@@ -132,15 +129,11 @@ pub fn recover(damaged: &Path, new: &Path) -> Result<Recovered, StoreError> {
     recovered.schema_replaced = sources.iter().any(|source| source.replaced);
     recovered.log_frames_salvaged = workshop.salvaged;
     let seals = runtime.block_on(Seals::read(&mut sources));
-    let mut carved = workshop.carved(&shapes, &seals)?;
     let mut incomplete = BTreeSet::new();
     for table in TABLES {
         let of_table = columns.iter().find(|(name, _)| *name == table);
         let of_table = of_table.map(|(_, columns)| columns.as_slice()).unwrap_or_default();
-        let (mut rows, lost) = runtime.block_on(read_rows(table, of_table, &mut sources));
-        let unread = carve::beyond(&rows, carved.remove(table).unwrap_or_default());
-        let lost = lost.saturating_sub(unread.len() as u64);
-        rows.extend(unread);
+        let (rows, lost) = runtime.block_on(read_rows(table, of_table, &mut sources));
         let mut saved = Saved { read: 0, lost };
         let (good, bad): (Vec<_>, Vec<_>) = rows.into_iter().partition(|row| seals.vouch_for(table, row));
         let mut kept = good;
@@ -228,22 +221,6 @@ impl Workshop {
             }
         }
         Ok(this)
-    }
-
-    /// The rows that stand in the bytes of the copies, by table.
-    fn carved(
-        &self,
-        shapes: &[carve::Shape],
-        seals: &Seals,
-    ) -> Result<HashMap<&'static str, Vec<StoredRow>>, StoreError> {
-        let mut all: HashMap<&'static str, Vec<StoredRow>> = HashMap::new();
-        for copy in self.copies() {
-            let bytes = std::fs::read(copy).map_err(|source| self.io(source))?;
-            for (table, rows) in carve::rows_in(&bytes, shapes, seals) {
-                all.entry(table).or_default().extend(rows);
-            }
-        }
-        Ok(all)
     }
 
     /// The copies, the one with the newest rows first.

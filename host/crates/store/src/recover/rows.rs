@@ -43,16 +43,6 @@ pub(super) async fn columns_of(table: &str, target: &mut AnyConnection) -> Resul
     .await
 }
 
-/// Which columns of a table of the new file are floating point.
-pub(super) async fn reals_of(table: &str, target: &mut AnyConnection) -> Result<Vec<bool>, sqlx::Error> {
-    let kinds: Vec<String> = sqlx::query_scalar(AssertSqlSafe(format!(
-        "SELECT type FROM pragma_table_info('{table}') ORDER BY cid"
-    )))
-    .fetch_all(target)
-    .await?;
-    Ok(kinds.iter().map(|kind| kind == "DOUBLE PRECISION").collect())
-}
-
 /// All rows of a table that can be read from any of the sources, and the number of those that cannot. Of equal rows
 /// one is taken.
 pub(super) async fn read_rows(table: &str, columns: &[Column], sources: &mut [Source]) -> (Vec<StoredRow>, u64) {

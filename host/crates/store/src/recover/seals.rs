@@ -100,11 +100,6 @@ impl Seals {
         }
     }
 
-    /// Whether a digest says that a row is as it was written.
-    pub(super) fn prove(&self, table: &str, row: &StoredRow) -> bool {
-        SEALED.iter().any(|sealed| sealed.name == table) && self.values.contains(&of_row(table, row))
-    }
-
     /// Whether a row is as it was written, or nothing is known against it.
     pub(super) fn vouch_for(&self, table: &str, row: &StoredRow) -> bool {
         if !self.sealed || SEALED.iter().all(|sealed| sealed.name != table) {
