@@ -222,7 +222,7 @@ fn the_hardest_contact_rises_to_what_is_said() {
     };
     input.contacts.push(harder);
     let page = render(&input).unwrap();
-    assert!(page.contains("on sphere 3: force against the approach, at most 11.20 N"));
+    assert!(page.contains("on sphere 3: steady estimate of the force against the approach, at most 11.20 N"));
     let svg = Document::parse(figure(&page, "Force trace, sphere 3")).unwrap();
     let (_, y) = axes(&svg);
     let curve = elements(&svg, "polyline").find(|l| colour(*l) == "series-1").unwrap();
