@@ -84,7 +84,11 @@ pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
         let root = Root::new(&fit.whitening.covariance(&columns[..layout.n], floor));
         let residual = state.residual(observation, &k.tcp);
         let residual = residual + fit.by_causes.get(&observation.index).copied().unwrap_or_default();
-        let white = root.times(fit.left.get(&observation.index).unwrap_or(&residual));
+        // Of more rows than the causes were tested in, the others are held against the noise of the fit.
+        let white = match fit.left.get(&observation.index) {
+            Some(left) => root.times(left),
+            None => root.times(&(residual * fit.cross.white)),
+        };
         let deviation = if observation.further.is_empty() {
             white.norm()
         } else {

@@ -164,6 +164,13 @@ fn budget(recordings: &Recordings, evaluation: &Evaluation) -> (Option<Uncertain
             unknown,
         ),
         line(
+            "other_joints",
+            Source::OtherJoints,
+            "Other joints",
+            "errors of the joint angles that depend on other joints' angles, as far as the residuals tell",
+            unknown,
+        ),
+        line(
             "open_parameters",
             Source::OpenParameters,
             "Open parameters",

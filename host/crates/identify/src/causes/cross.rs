@@ -10,62 +10,56 @@ use nalgebra::{DVector, Vector3};
 
 use super::extended::Extended;
 use super::linear::Linear;
-use crate::hierarchy::constants::{CROSS_RAD, FACTORS};
+use crate::hierarchy::constants::{CROSS_RAD, CROSS_RANGES, FACTORS};
 use crate::hierarchy::cross::columns;
 
 /// Rounds of the search for the size and the rest of the noise.
 const ROUNDS: usize = 3;
 /// Steps by the golden ratio: to 1 % of an interval.
 const STEPS: usize = 9;
-/// Logarithms of the size, by the ordinary one, that are searched; of the white noise that is left.
-const RANGES: [(f64, f64); 2] = [(-3.0, 3.5), (-2.0, 0.1)];
 
-/// The errors in the linear model of a fit.
+/// A fit with the errors.
 pub(super) struct Cross {
-    /// Whitened columns and the sigmas of their priors.
-    pub(super) columns: Vec<(DVector<f64>, f64)>,
+    /// The linear model with the white noise that they leave.
+    pub(super) linear: Linear,
+    /// The same with their columns.
+    pub(super) model: Extended,
     /// Size of an error, 1 sigma, in rad.
     pub(super) size_rad: f64,
-    /// White noise that is left, by that of the fit.
+    /// White noise that is left, as a share of that of the fit.
     pub(super) white: f64,
 }
 
 impl Cross {
     /// The size and the rest of the white noise that explain the rows best, which count as so many `numbers`.
-    pub(super) fn new(linear: &Linear, numbers: f64) -> Self {
-        let count = linear
-            .rows
-            .first()
-            .map_or(0, |row| columns(&row.posture.q, &row.posture.joints).count());
-        let mut all = vec![DVector::zeros(3 * linear.rows.len()); count];
+    pub(super) fn new(linear: Linear, numbers: f64) -> Self {
         let displacements: Vec<Vec<Vector3<f64>>> = linear
             .rows
             .iter()
-            .map(|row| columns(&row.posture.q, &row.posture.joints).collect())
+            .map(|row| columns(&row.posture.q, &row.posture.joints))
             .collect();
-        for (c, column) in all.iter_mut().enumerate() {
+        let count = displacements.first().map_or(0, Vec::len);
+        let column = |c: usize| {
             let mut rows = displacements.iter();
-            *column = linear.column(|_| rows.next().map_or_else(Vector3::zeros, |row| row[c]));
-        }
-        let columns: Vec<(DVector<f64>, f64)> = all.into_iter().map(|column| (column, CROSS_RAD)).collect();
-        let model = Extended::new(linear).with(linear, &columns);
+            let whitened = linear.column(|_| rows.next().map_or_else(Vector3::zeros, |row| row[c]));
+            (whitened, CROSS_RAD)
+        };
+        let columns: Vec<(DVector<f64>, f64)> = (0..count).map(column).collect();
+        let model = Extended::new(&linear).with(&linear, &columns);
         let mut at = [0.0, 0.0];
-        if count > 0 {
-            for _ in 0..ROUNDS {
-                for k in 0..at.len() {
-                    let evidence = |x: f64| {
-                        let mut at = at;
-                        at[k] = x;
-                        model.evidence_with(linear, numbers, at[0].exp(), at[1].exp())
-                            - 0.5 * (at[0] / FACTORS.made.ln()).powi(2)
-                    };
-                    at[k] = highest(RANGES[k], evidence);
-                }
-            }
+        for k in (0..2 * ROUNDS).map(|turn| turn % 2).filter(|_| count > 0) {
+            let evidence = |x: f64| {
+                let mut at = at;
+                at[k] = x;
+                let unusual = at[0] / FACTORS.made.ln();
+                model.evidence_with(&linear, numbers, at.map(f64::exp)) - 0.5 * unusual.powi(2)
+            };
+            at[k] = highest(CROSS_RANGES[k], evidence);
         }
-        let (size, white) = (at[0].exp(), at[1].exp());
+        let [size, white] = at.map(f64::exp);
         Self {
-            columns: columns.into_iter().map(|(c, s)| (c / white, s * size)).collect(),
+            model: model.rescaled(&linear, [size, white]),
+            linear: linear.with_noise(white),
             size_rad: CROSS_RAD * size,
             white,
         }

@@ -68,34 +68,44 @@ impl Extended {
     /// # Errors
     /// Equations that have no solution.
     pub(crate) fn factor(&self) -> Result<Factor, IdentifyError> {
-        let mut a = self.n.clone();
-        for i in 0..a.nrows() {
-            a[(i, i)] += 1.0;
-        }
-        let free = a.nrows();
-        Factor::new(a).ok_or(IdentifyError::Singular { free })
+        factor_of(self.n.clone())
     }
 
-    /// Log evidence with the columns beyond `X` times a factor and the noise of the rows times another, up to a constant; minus
-    /// infinity where there is no solution. `numbers` is what the rows count.
-    pub(crate) fn evidence_with(&self, linear: &Linear, numbers: f64, size: f64, noise: f64) -> f64 {
+    /// `Wᵀ W` and `Wᵀ y` with the columns beyond `X` times a factor and the noise of the targets times another.
+    fn products_with(&self, linear: &Linear, [size, noise]: [f64; 2]) -> (DMatrix<f64>, DVector<f64>) {
         let scale = |k: usize| if k < self.m { 1.0 / noise } else { size / noise };
-        // What the orientations tell keeps its own noise.
-        let rest = 1.0 - noise.powi(-2);
         let count = self.n.nrows();
-        let mut a = DMatrix::from_fn(count, count, |r, c| self.n[(r, c)] * scale(r) * scale(c));
-        let mut of_fit = a.view_mut((0, 0), (self.m, self.m));
-        of_fit += &linear.rest * rest;
-        (0..count).for_each(|i| a[(i, i)] += 1.0);
-        let Some(factor) = Factor::new(a) else {
+        let mut n = DMatrix::from_fn(count, count, |r, c| self.n[(r, c)] * scale(r) * scale(c));
+        let mut wy = DVector::from_fn(count, |k, _| self.wy[k] * scale(k) / noise);
+        // What the orientations tell keeps its own noise.
+        let kept = 1.0 - noise.powi(-2);
+        let mut of_fit = n.view_mut((0, 0), (self.m, self.m));
+        of_fit += &linear.rest * kept;
+        let mut of_fit = wy.rows_mut(0, self.m);
+        of_fit += &linear.rest_y * kept;
+        (n, wy)
+    }
+
+    /// Log evidence with these factors, up to a constant; minus infinity where there is no solution. `numbers` is what the
+    /// rows count.
+    pub(crate) fn evidence_with(&self, linear: &Linear, numbers: f64, factors: [f64; 2]) -> f64 {
+        let (n, wy) = self.products_with(linear, factors);
+        let Ok(factor) = factor_of(n) else {
             return f64::NEG_INFINITY;
         };
-        let mut right = DVector::from_fn(count, |k, _| self.wy[k] * scale(k) / noise);
-        let mut of_fit = right.rows_mut(0, self.m);
-        of_fit += &linear.rest_y * rest;
-        let right = factor.half_vector(&right);
+        let [_, noise] = factors;
         let rows = linear.y.norm_squared() / noise.powi(2);
-        -0.5 * (rows - right.norm_squared() + factor.log_determinant()) - numbers * noise.ln()
+        let right = factor.half_vector(&wy).norm_squared();
+        -0.5 * (rows - right + factor.log_determinant()) - numbers * noise.ln()
+    }
+
+    /// The model with these factors.
+    pub(crate) fn rescaled(mut self, linear: &Linear, [size, noise]: [f64; 2]) -> Self {
+        (self.n, self.wy) = self.products_with(linear, [size, noise]);
+        self.w /= noise;
+        let mut beyond = self.w.columns_range_mut(self.m..);
+        beyond *= size;
+        self
     }
 
     /// Log evidence up to a constant of the data.
@@ -176,4 +186,11 @@ impl Extended {
         factor.half_mut(&mut unit);
         Ok((mean, transposed_product(&unit, &unit)))
     }
+}
+
+/// Factor of `I + n`.
+fn factor_of(mut n: DMatrix<f64>) -> Result<Factor, IdentifyError> {
+    let free = n.nrows();
+    (0..free).for_each(|i| n[(i, i)] += 1.0);
+    Factor::new(n).ok_or(IdentifyError::Singular { free })
 }

@@ -37,7 +37,6 @@ use nalgebra::{DVector, Vector3};
 pub(crate) use self::tail::log_tail;
 
 use self::cross::Cross;
-use self::extended::Extended;
 use self::linear::Linear;
 use self::payload::LoadEffects;
 use self::scan::scan;
@@ -72,10 +71,14 @@ pub(crate) fn explain(
 ) -> Result<Causes, IdentifyError> {
     let linear = Linear::new(fit);
     let share = fit.shares.iter().sum::<f64>() / fit.shares.len().max(1) as f64;
-    let cross = Cross::new(&linear, share * linear.y.len() as f64);
-    let linear = linear.with_noise(cross.white);
-    fit.whitening = fit.whitening.times(cross.white);
-    let model = Extended::new(&linear).with(&linear, &cross.columns);
+    let numbers = share * linear.y.len() as f64;
+    let Cross {
+        linear,
+        model,
+        size_rad,
+        white,
+    } = Cross::new(linear, numbers);
+    fit.whitening = fit.whitening.times(white);
     let layout = fit.layout.clone();
     let kinds: Vec<Kind> = fit.unknowns.columns.iter().map(|c| fit.table[*c].kind).collect();
     // Of a robot without masses the load has no size, and measured torques hold any load.
@@ -118,7 +121,7 @@ pub(crate) fn explain(
     mean.rows_mut(0, of_model)
         .copy_from(&beyond.component_mul(&linear.sigmas()));
     fit.replace_posterior(mean, covariance);
-    fit.cross.size_rad = cross.size_rad;
+    (fit.cross.size_rad, fit.cross.white) = (size_rad, white);
     fit.by_causes = unwhitened(&linear, &found.model.displaced(before_causes)?);
     fit.left = unwhitened(&linear, &(found.model.displaced(0)? - &linear.y));
     Ok(Causes {

@@ -5,25 +5,23 @@ use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::constants::{CROSS_JOINTS, CROSS_WEIGHTS};
 
-/// Displacements by unit errors: `joints` are the columns of the joints' angles.
-pub(crate) fn columns<'a>(q: &'a [f64], joints: &'a [Vector3<f64>]) -> impl Iterator<Item = Vector3<f64>> + 'a {
-    let few = joints.len() <= CROSS_JOINTS;
-    joints
-        .iter()
-        .take(if few { joints.len() } else { 0 })
-        .enumerate()
-        .flat_map(move |(joint, column)| {
-            q.iter()
-                .take(joints.len())
-                .enumerate()
-                .filter(move |(other, _)| *other != joint)
-                .flat_map(move |(_, angle)| {
-                    CROSS_WEIGHTS.iter().zip(1..).flat_map(move |(weight, order)| {
-                        let (sin, cos) = (f64::from(order) * angle).sin_cos();
-                        [column * (weight * cos), column * (weight * sin)]
-                    })
-                })
-        })
+/// Displacements by unit errors at joint angles `q`: `joints` are the columns of the joints' angles. Of a chain of more joints
+/// than an arm has there are none.
+pub(crate) fn columns(q: &[f64], joints: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    let mut all = Vec::new();
+    if joints.len() > CROSS_JOINTS {
+        return all;
+    }
+    for (joint, column) in joints.iter().enumerate() {
+        for other in (0..joints.len()).filter(|other| *other != joint) {
+            let angle = q.get(other).copied().unwrap_or(0.0);
+            for (weight, order) in CROSS_WEIGHTS.iter().zip(1..) {
+                let (sin, cos) = (f64::from(order) * angle).sin_cos();
+                all.extend([cos, sin].map(|wave| column * (weight * wave)));
+            }
+        }
+    }
+    all
 }
 
 /// What is stated of the errors: the unknowns and they together.
@@ -35,6 +33,8 @@ pub(crate) struct CrossEffects {
     pub(crate) mean: DVector<f64>,
     /// Size of an error, in rad.
     pub(crate) size_rad: f64,
+    /// White noise that they leave, as a share of that of the fit without them.
+    pub(crate) white: f64,
 }
 
 impl CrossEffects {
@@ -44,35 +44,37 @@ impl CrossEffects {
             covariance: covariance.clone(),
             mean: DVector::zeros(covariance.nrows()),
             size_rad: 0.0,
+            white: 1.0,
         }
     }
 
     /// Displacements (3 x errors) at joint angles `q`.
     pub(crate) fn at(&self, q: &[f64], joints: &[Vector3<f64>]) -> DMatrix<f64> {
-        let all: Vec<Vector3<f64>> = columns(q, joints).map(|v| v * self.size_rad).collect();
-        DMatrix::from_fn(3, all.len(), |axis, c| all[c][axis])
+        let all = columns(q, joints);
+        DMatrix::from_fn(3, all.len(), |axis, c| all[c][axis] * self.size_rad)
     }
 
-    /// Adds to draws of displacements (3n a column) at `postures` what the errors do, and by how much the estimate is off
-    /// because of them. `unknowns` are the draws of all unknowns, `free` the columns (3n) of those that are no such errors.
-    pub(crate) fn add_to<'a>(
+    /// Draws of the displacements (3n a column) at `postures` by the errors, with that by which the estimate is off because of
+    /// them. `unknowns` are the draws of all unknowns, `free` the columns (3n) of those that are no such errors.
+    pub(crate) fn draws<'a>(
         &self,
-        draws: &mut DMatrix<f64>,
         unknowns: &DMatrix<f64>,
         free: &DMatrix<f64>,
         postures: impl Iterator<Item = (&'a [f64], &'a [Vector3<f64>])>,
-    ) {
+    ) -> DMatrix<f64> {
         let (first, count) = (free.ncols(), self.mean.len() - free.ncols());
         let mut mean = free * self.mean.rows(0, first);
+        let mut draws = DMatrix::zeros(free.nrows(), unknowns.ncols());
         if count > 0 {
-            let mut all = DMatrix::zeros(draws.nrows(), count);
+            let mut all = DMatrix::zeros(free.nrows(), count);
             for (k, (q, joints)) in postures.enumerate() {
                 all.rows_mut(3 * k, 3).copy_from(&self.at(q, joints));
             }
             mean += &all * self.mean.rows(first, count);
-            *draws += all * unknowns.rows(first, count);
+            draws = all * unknowns.rows(first, count);
         }
         draws.column_iter_mut().for_each(|mut column| column += &mean);
+        draws
     }
 }
 
@@ -88,7 +90,7 @@ mod tests {
     fn every_joint_errs_with_every_other() {
         let q = [0.3, -1.0, 2.0];
         let joints = [Vector3::x(), Vector3::y(), Vector3::z()];
-        let all: Vec<_> = columns(&q, &joints).collect();
+        let all = columns(&q, &joints);
         assert_eq!(all.len(), 3 * 2 * 2 * CROSS_WEIGHTS.len());
         let (sin, cos) = q[1].sin_cos();
         assert!(
@@ -101,6 +103,6 @@ mod tests {
             "{}",
             all[1]
         );
-        assert_eq!(columns(&[0.0; 9], &[Vector3::x(); 9]).count(), 0);
+        assert!(columns(&[0.0; 9], &[Vector3::x(); 9]).is_empty());
     }
 }

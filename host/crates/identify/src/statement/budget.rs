@@ -20,6 +20,8 @@ pub enum Source {
     Instrument,
     /// White errors of the joint angles: those of the recordings, and those of one pose in use.
     EncoderNoise,
+    /// Errors of the joint angles that depend on other joints' angles, which the model leaves out.
+    OtherJoints,
     /// Parameters of the robot that the data leave open, by their priors.
     OpenParameters,
     /// What the model leaves out: the distance of a file's geometry from the full model.
@@ -67,13 +69,14 @@ impl Statement {
         let discrepancy = self.off(&self.work, &tcp_m).norm_squared() / count;
         // The draws hold what the sum does not: the tails, the rows' own part in the fit, and errors outside of the model.
         let drawn = self.work.draws.norm_squared() / (count * self.work.draws.ncols().max(1) as f64);
-        let scale = drawn / (whole + self.work.joint_square).max(1e-300);
+        let scale = drawn / (whole + self.work.joint_square + self.work.cross_square).max(1e-300);
         let certified = self.kinds.iter().any(|name| name.starts_with("sphere"));
         let squares = [
             (certified, Source::Plate, plate * scale),
             (self.contacts, Source::Seating, (seating + rest) * scale),
             (!self.contacts, Source::Instrument, rest * scale),
             (true, Source::EncoderNoise, joints * scale),
+            (true, Source::OtherJoints, self.work.cross_square * scale),
             (true, Source::OpenParameters, open * scale),
             (true, Source::ModelDiscrepancy, discrepancy),
         ];

@@ -13,6 +13,7 @@
 
 mod budget;
 mod region;
+mod taken;
 
 use nalgebra::{DMatrix, Vector3};
 use rand::SeedableRng as _;

@@ -10,54 +10,11 @@ use rayon::prelude::*;
 use spherecal_model::statistics::quantile;
 
 use super::MeasuredRow;
+use super::taken::Taken;
 use crate::dense::Factor;
 use crate::hierarchy::constants::{AMONG, DRAWS, LARGEST_LEVERAGE, MODEL_ERROR, POSTURES};
 use crate::workspace::Rigid;
 use crate::{Calibration, Reference};
-
-/// What is taken out of displacements before they count.
-#[derive(Clone, Debug)]
-pub(super) enum Taken {
-    /// The best rigid motion.
-    Rigid(Rigid),
-    /// The best rigid motion of another model; nothing of the draws, whose frame is that of the fit.
-    RigidOfModels(Rigid),
-    /// Of contacts the mean of the postures on each sphere and place: of the draws where the fit does not have the place.
-    Means {
-        unknown: Vec<Vec<usize>>,
-        all: Vec<Vec<usize>>,
-    },
-}
-
-impl Taken {
-    fn of_draws(&self, columns: &mut DMatrix<f64>) {
-        match self {
-            Self::Rigid(rigid) => rigid.remove(columns),
-            Self::RigidOfModels(_) => {}
-            Self::Means { unknown, .. } => remove_means(unknown, columns),
-        }
-    }
-
-    pub(super) fn of_models(&self, columns: &mut DMatrix<f64>) {
-        match self {
-            Self::Rigid(rigid) | Self::RigidOfModels(rigid) => rigid.remove(columns),
-            Self::Means { all, .. } => remove_means(all, columns),
-        }
-    }
-}
-
-pub(super) fn remove_means(groups: &[Vec<usize>], columns: &mut DMatrix<f64>) {
-    for mut column in columns.column_iter_mut() {
-        for group in groups {
-            for axis in 0..3 {
-                let mean = group.iter().map(|k| column[3 * k + axis]).sum::<f64>() / group.len().max(1) as f64;
-                for k in group {
-                    column[3 * k + axis] -= mean;
-                }
-            }
-        }
-    }
-}
 
 /// Draws of the error over a region.
 #[derive(Clone, Debug)]
@@ -71,6 +28,8 @@ pub(super) struct Region {
     /// Columns of the free parameters, what is taken out (3n x m), and the mean square displacement by the joints' noise (m²).
     pub(super) columns: DMatrix<f64>,
     pub(super) joint_square: f64,
+    /// The same by errors that depend on other joints.
+    pub(super) cross_square: f64,
 }
 
 /// Makes the regions of one calibration from the same draws of its unknowns.
@@ -252,7 +211,10 @@ impl Maker<'_> {
             .iter()
             .zip(&own)
             .map(|(p, (_, joints))| (&p.q[..], &joints[..]));
-        calibration.cross.add_to(&mut draws, self.unknowns, &columns, each);
+        let mut cross = calibration.cross.draws(self.unknowns, &columns, each);
+        draws += &cross;
+        taken.of_draws(&mut cross);
+        let cross_square = cross.norm_squared() / (count * cross.ncols()).max(1) as f64;
         let joint_square = own
             .iter()
             .flat_map(|(_, joints)| joints)
@@ -288,6 +250,7 @@ impl Maker<'_> {
             taken,
             columns,
             joint_square,
+            cross_square,
         }
     }
 }
