@@ -25,7 +25,6 @@
 //! The host steps a [`Device`]: a cell, or the far end of a socket. The host link carries bytes in every mode.
 
 mod attended;
-mod boxed;
 mod cell;
 mod endpoint;
 mod fault;
@@ -221,6 +220,7 @@ impl LinkError {
 
 /// Controller and drive together, as the host sees them. A device keeps the device's time and
 /// exchanges bytes of the host link, one control period after the other.
+#[auto_impl::auto_impl(Box)]
 pub trait Device: Send {
     /// Device time, in µs since the first period.
     fn now_us(&self) -> u64;
@@ -237,7 +237,8 @@ pub trait Device: Send {
 
     /// Moves the plate to one of its placements, from 0. Returns whether it could; in a real cell
     /// an operator moves the plate.
-    fn move_plate(&mut self, _place: u32) -> bool {
+    fn move_plate(&mut self, place: u32) -> bool {
+        let _ = place;
         false
     }
 
@@ -259,7 +260,9 @@ pub trait Device: Send {
 
     /// Gives it what makes keep-alives while nobody steps it. Does nothing where its time passes in
     /// [`step`](Self::step) only.
-    fn keep_alive(&mut self, _keep_alives: &KeepAlives) {}
+    fn keep_alive(&mut self, keep_alives: &KeepAlives) {
+        let _ = keep_alives;
+    }
 }
 
 /// The controller, wherever it runs: one control period at a time.
@@ -293,6 +296,7 @@ pub trait Controller: Send {
 }
 
 /// The drive, wherever it is: one control period at a time.
+#[auto_impl::auto_impl(Box)]
 pub trait Drive: Send {
     /// The drive's hello.
     fn hello(&self) -> &DriveHello;
@@ -311,7 +315,8 @@ pub trait Drive: Send {
     ///
     /// # Errors
     /// When the drive or the transport to it fails for good.
-    fn answer(&mut self, _command: &DriveCommand) -> Result<(), LinkError> {
+    fn answer(&mut self, command: &DriveCommand) -> Result<(), LinkError> {
+        let _ = command;
         Ok(())
     }
 
@@ -327,7 +332,8 @@ pub trait Drive: Send {
     }
 
     /// Moves the plate of a simulated cell, see [`Device::move_plate`].
-    fn move_plate(&mut self, _place: u32) -> bool {
+    fn move_plate(&mut self, place: u32) -> bool {
+        let _ = place;
         false
     }
 
