@@ -8,18 +8,17 @@
 //! `force`, together with the magnet's pull along the approach. A rim may meet a sphere from any side.
 
 use nalgebra::{Cholesky, Matrix3, SMatrix, Vector3};
+use spherecal_shared::procedure::{Approach, Limits};
 use spherecal_shared::robot::{Arm, Dynamics, Robot, Tool};
 
 use super::path::Obstacle;
 
-/// Limit of the fault `force`, in N, of the default procedure.
-const FORCE_N: f64 = 100.0;
 /// Pull of the magnet, in N.
 const MAGNET_N: f64 = 26.5;
 /// Time within which a sphere stops the tool, in s.
 const STOP_S: f64 = 0.010;
-/// Speed at the contact, in m/s: 1.2 times the usual speed of an approach, because the magnet draws the arm on.
-const SPEED_M_S: f64 = 0.030;
+/// Speed at the contact, as a multiple of that of the approach: the magnet draws the arm on.
+const DRAWN_ON: f64 = 1.2;
 
 /// Checks that an arm at joint angles `q` (rad) meets a sphere along the unit direction of F0 with at most 24.5 kg, and with at most
 /// 33 kg from any side. A simulated UR20 that met spheres with 30 to 51 kg pressed with 110 to 203 N. Of an arm that no controller
@@ -36,9 +35,10 @@ pub(super) fn check(robot: &Robot, tool: &Tool, q: &[f64], direction: &Vector3<f
     let Some(masses) = masses else {
         return Ok(());
     };
-    let most = |force: f64| force * STOP_S / SPEED_M_S;
-    let along = (direction.dot(&(masses * direction)), most(FORCE_N - MAGNET_N));
-    let any = (masses.symmetric_eigenvalues().max(), most(FORCE_N));
+    let (limit_n, speed_m_s) = (Limits::default().force_n, DRAWN_ON * Approach::default().speed_m_s);
+    let most = |force: f64| force * STOP_S / speed_m_s;
+    let along = (direction.dot(&(masses * direction)), most(limit_n - MAGNET_N));
+    let any = (masses.symmetric_eigenvalues().max(), most(limit_n));
     for (kg, most_kg) in [along, any] {
         if kg > most_kg {
             return Err(Obstacle::Heavy { kg, most_kg });
