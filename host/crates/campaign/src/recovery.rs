@@ -89,7 +89,13 @@ pub fn policy(fault: Fault) -> Policy {
             true,
         ),
         Fault::JointTorque => ("a torque saturated for 50 ms", 51, HOLDS, 0.5, true),
-        Fault::Force => ("a force of more than 100 N at the TCP for 10 ms", 60, HOLDS, 2.0, true),
+        Fault::Force => (
+            "a steady force of more than 100 N at the TCP for 10 ms",
+            60,
+            HOLDS,
+            2.0,
+            true,
+        ),
         Fault::PathDeviation => (
             "the arm is 0.1 rad, 150 mm or, turning, 0.3 rad off its path",
             1,
