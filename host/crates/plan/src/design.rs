@@ -4,7 +4,7 @@
 //! A first small design over all visits shows which visits are worth an approach and a coupling.
 //! Then the poses are chosen on those visits alone.
 
-use super::candidates::{Candidate, CandidateVisit};
+use super::candidates::CandidateVisit;
 use super::cell::Cell;
 use super::design_problem::{DesignProblem, model_of, predictions};
 use super::design_request::DesignRequest;
@@ -82,6 +82,9 @@ fn design_problem(cell: &Cell, request: &DesignRequest) -> Result<DesignProblem,
 /// always the one that the others replace best, while there are too many or while the time of a
 /// visit is better spent on more poses of the others. One visit of each sphere in each placement
 /// stays.
+///
+/// A visit is harder to replace the fewer others are left. So its value from an earlier round bounds that of this round from
+/// below, and only the visits whose bound is the smallest are tried again (lazy greedy search).
 fn worthwhile(scouted: DesignProblem, request: &DesignRequest) -> Vec<CandidateVisit> {
     let most = match request.contacts {
         0 => usize::MAX,
@@ -92,6 +95,9 @@ fn worthwhile(scouted: DesignProblem, request: &DesignRequest) -> Vec<CandidateV
     scouted.fill(&mut design, poses, |_| ());
     let mut kept = vec![true; scouted.visits.len()];
     let key = |v: usize| (scouted.visits[v].sphere_id, scouted.visits[v].place);
+    let among = |kept: &[bool]| scouted.candidates.iter().map(|c| kept[c.visit]).collect();
+    // For each visit the least value that the design without it can have, and the number of additional poses that the bound is for.
+    let mut bounds = vec![(f64::NEG_INFINITY, 0); kept.len()];
     loop {
         let count = kept.iter().filter(|k| **k).count();
         // Number of additional poses for one visit less; in a small design its share.
@@ -101,17 +107,28 @@ fn worthwhile(scouted: DesignProblem, request: &DesignRequest) -> Vec<CandidateV
             VISIT_POSES * poses / request.poses
         };
         let others = |v: usize| (0..kept.len()).any(|w| kept[w] && w != v && key(w) == key(v));
-        let without = (0..kept.len()).filter(|v| kept[*v] && others(*v)).map(|v| {
-            let allowed = |c: &Candidate| c.visit != v && kept[c.visit];
-            let allowed = scouted.candidates.iter().map(allowed).collect();
-            (v, design.among(allowed, poses + more))
-        });
-        let best = without.min_by(|a, b| a.1.value.total_cmp(&b.1.value));
+        let removable: Vec<usize> = (0..kept.len()).filter(|v| kept[*v] && others(*v)).collect();
+        for v in &removable {
+            if bounds[*v].1 != more {
+                bounds[*v] = (f64::NEG_INFINITY, more);
+            }
+        }
+        let mut tried = vec![false; kept.len()];
+        let best = loop {
+            let bound = |v: &&usize| bounds[**v].0;
+            let least = removable.iter().min_by(|a, b| bound(a).total_cmp(&bound(b)));
+            let Some(v) = least.copied().filter(|v| !tried[*v]) else {
+                break least.copied();
+            };
+            let mut without = kept.clone();
+            without[v] = false;
+            bounds[v].0 = design.among(among(&without), poses + more).value;
+            tried[v] = true;
+        };
         match best {
-            Some((v, other)) if count > most || other.value <= design.value => {
+            Some(v) if count > most || bounds[v].0 <= design.value => {
                 kept[v] = false;
-                let allowed = scouted.candidates.iter().map(|c| kept[c.visit]).collect();
-                design = design.among(allowed, poses);
+                design = design.among(among(&kept), poses);
             }
             _ => break,
         }

@@ -145,6 +145,8 @@ pub(super) struct Design<'a> {
     pub(super) chosen: Vec<usize>,
     taken: Vec<bool>,
     allowed: Vec<bool>,
+    /// Candidates whose gain is kept up to date: those that may be chosen later.
+    kept: Vec<bool>,
     /// Travel and how patiently it is borne.
     travel: Option<(Travel<'a>, f64)>,
     /// `tr(W Σ)`, in m².
@@ -164,6 +166,7 @@ impl<'a> Design<'a> {
             chosen: Vec::new(),
             taken: vec![false; n],
             allowed: vec![true; n],
+            kept: vec![true; n],
             travel: None,
             value: 0.0,
         };
@@ -192,9 +195,10 @@ impl<'a> Design<'a> {
     }
 
     /// The same design with only `allowed` candidates, filled with the best of these until `count`
-    /// are chosen.
+    /// are chosen. The others cannot be allowed again.
     pub(super) fn among(&self, allowed: Vec<bool>, count: usize) -> Self {
         let mut design = self.clone();
+        design.kept = allowed.iter().zip(&self.taken).map(|(a, t)| *a || *t).collect();
         for c in &self.chosen {
             if !allowed[*c] {
                 design.update(*c, -1.0);
@@ -313,7 +317,8 @@ impl<'a> Design<'a> {
             .collect();
         let own = self.s.par_iter_mut().zip(self.t.par_iter_mut());
         let rows = self.problem.rows.as_slice().par_chunks((3 * n).max(1));
-        own.zip(rows).with_min_len(64).for_each(|((s, t), rows)| {
+        let own = own.zip(rows).zip(&self.kept).with_min_len(64);
+        own.filter(|(_, kept)| **kept).for_each(|(((s, t), rows), _)| {
             let (b, d) = products(&left, rows);
             let mb = inverse * b;
             let cross = mb.transpose() * d;
