@@ -75,6 +75,8 @@ pub(crate) struct Prepared {
     pub(crate) lead: usize,
     /// The leading target in its reference frame, in m (a sphere's certified centre).
     pub(crate) target: Vector3<f64>,
+    /// Whether noise along the instrument's line of sight differs from that across it.
+    pub(crate) sighted: bool,
     /// What the row tells besides the leading target.
     pub(crate) further: Box<[Seen]>,
     /// Index of the reference frame in the layout.

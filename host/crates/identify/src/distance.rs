@@ -300,6 +300,7 @@ impl DistanceProblem {
         let millimetre = 1e-6;
         let mut whitening = Whitening::new(&options.noise);
         (whitening.joint, whitening.seating, whitening.point) = (0.0, millimetre, millimetre);
+        whitening.along.fill(millimetre);
         let grouped = groups(&self.prepared);
         let weights = vec![1.0; self.poses()];
         let design = accumulate(
@@ -323,6 +324,7 @@ impl DistanceProblem {
             whitening: Whitening {
                 seating: millimetre * variance,
                 point: millimetre * variance,
+                along: whitening.along.map(|along| along * variance),
                 ..whitening
             },
             shares: weights.clone(),

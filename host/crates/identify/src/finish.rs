@@ -87,7 +87,7 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
         noise: NoiseFound {
             joint_rad: fit.whitening.joint.sqrt(),
             seating_m: fit.whitening.seating.sqrt(),
-            point_m: fit.whitening.point.sqrt(),
+            point_m: fit.target_noise(0).mean().sqrt(),
             student_t: fit.nu,
         },
         effective_parameters: fit.effective,

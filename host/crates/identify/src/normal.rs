@@ -32,7 +32,7 @@ use super::parameters::Layout;
 
 pub(crate) use self::groups::{Group, groups};
 pub(crate) use self::likelihood::{WhitenedTarget, distances, log_determinant, plain_columns, whitened_rows};
-pub(crate) use self::whitening::{Root, Whitening};
+pub(crate) use self::whitening::{Own, Root, Whitening};
 
 /// Parts of poses that are whitened before they are multiplied: fits the cache.
 const CHUNK: usize = 96;

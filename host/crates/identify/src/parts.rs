@@ -20,6 +20,8 @@ pub(crate) struct Block {
     pub(crate) joints: [Vector3<f64>; N],
     /// Model minus measurement.
     pub(crate) residual: Vector3<f64>,
+    /// Line of sight: see [`Own::sight`](crate::normal::Own::sight).
+    pub(crate) sight: Vector3<f64>,
 }
 
 impl Layout {
@@ -105,6 +107,16 @@ impl State {
         k.tcp - self.true_place(observation.reference, at)
     }
 
+    /// Line of sight of the instrument to a target (m, reference frame), in F0: from the origin of its frame. Zero where the
+    /// rows have none.
+    #[inline]
+    pub(crate) fn sight(&self, observation: &Prepared, at: &Vector3<f64>) -> Vector3<f64> {
+        match self.bases.get(observation.reference) {
+            Some(base) if observation.sighted => base.rotation.tr_mul(&at.try_normalize(0.0).unwrap_or_default()),
+            _ => Vector3::zeros(),
+        }
+    }
+
     fn turned_off(&self, observation: &Prepared, k: &Kinematics, measured: &Matrix3<f64>) -> Vector3<f64> {
         let base = self
             .bases
@@ -155,25 +167,26 @@ impl State {
     pub(crate) fn further(&self, n: usize, observation: &Prepared, k: &Kinematics) -> Vec<Block> {
         let block = |seen: &Seen| {
             let mut joints = [Vector3::zeros(); N];
-            let residual = match *seen {
+            let (residual, sight) = match *seen {
                 Seen::Target { number, at } => {
                     let k = self.moved(k, &observation.load, number);
                     for (column, frame) in joints.iter_mut().zip(&k.frames[..n]) {
                         *column = frame.z().cross(&(k.tcp - frame.position));
                     }
-                    self.off(observation, &k, &at)
+                    (self.off(observation, &k, &at), self.sight(observation, &at))
                 }
                 Seen::Body(measured) => {
                     for (column, frame) in joints.iter_mut().zip(&k.frames[..n]) {
                         *column = frame.z();
                     }
-                    self.turned_off(observation, k, &measured)
+                    (self.turned_off(observation, k, &measured), Vector3::zeros())
                 }
             };
             Block {
                 part: seen.part(),
                 joints,
                 residual,
+                sight,
             }
         };
         observation.further.iter().map(block).collect()
@@ -190,6 +203,7 @@ impl State {
             part: observation.leading(),
             joints,
             residual: self.residual(observation, &k.tcp),
+            sight: self.sight(observation, &observation.target),
         };
         std::iter::once(leading)
             .chain(self.further(n, observation, &k))

@@ -80,8 +80,10 @@ pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
         for j in 0..layout.n {
             columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].position));
         }
-        let floor = fit.whitening.leading(observation);
-        let root = Root::new(&fit.whitening.covariance(&columns[..layout.n], floor));
+        let own = fit
+            .whitening
+            .leading(observation, state.sight(observation, &observation.target));
+        let root = Root::new(&fit.whitening.covariance(&columns[..layout.n], &own));
         let residual = state.residual(observation, &k.tcp);
         let residual = residual + fit.by_causes.get(&observation.index).copied().unwrap_or_default();
         // Of more rows than the causes were tested in, the others are held against the noise of the fit.

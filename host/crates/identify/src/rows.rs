@@ -12,7 +12,7 @@ use spherecal_shared::robot::{Robot, Tool};
 use super::chain::{N, OWN, Prepared, State, trig};
 use super::error::IdentifyError;
 use super::load::Nominal;
-use super::normal::{Root, Whitening};
+use super::normal::{Own, Root, Whitening};
 use super::options::Options;
 use super::parameter_table::table;
 use super::parameters::{Kind, Layout};
@@ -109,7 +109,7 @@ impl DesignModel {
                 columns[self.layout.sphere(s) + axis] = -e;
             }
         }
-        let root = Root::new(&self.whitening.covariance(&joints, self.whitening.seating));
+        let root = Root::new(&self.whitening.covariance(&joints, &Own::alike(self.whitening.seating)));
         self.picked(|c| root.times(&columns[c]))
     }
 
@@ -148,6 +148,7 @@ impl DesignModel {
             load: self.nominal.load(q, None),
             lead: 0,
             target: Vector3::zeros(),
+            sighted: false,
             further: Box::default(),
             reference: 0,
             sphere: None,

@@ -1,5 +1,6 @@
 //! How well the fit explains each target of the tool, and the orientation of a measured body.
 
+use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::hierarchy::Fit;
@@ -14,10 +15,27 @@ pub struct TargetFit {
     pub rows: usize,
     /// Where it is in the last frame of the table, in m.
     pub place_m: [f64; 3],
-    /// Its own noise along each axis (1 sigma), in mm: without that of the joints.
+    /// Its own noise along each axis (1 sigma), in mm: without that of the joints. Across the line of sight where rows have
+    /// one.
     pub noise_mm: f64,
+    /// The same along the line of sight, which goes from the origin of the instrument's frame to the target. `None` unless
+    /// rows have an orientation, as those of cameras have.
+    pub depth_noise_mm: Option<f64>,
     /// Root mean square distance between model and measurement, in mm.
     pub rms_mm: f64,
+}
+
+impl TargetFit {
+    /// Its noise in words.
+    pub fn noise_words(&self) -> String {
+        match self.depth_noise_mm {
+            Some(depth) => format!(
+                "{:.3} mm across the line of sight, {depth:.3} mm along it",
+                self.noise_mm
+            ),
+            None => format!("{:.3} mm", self.noise_mm),
+        }
+    }
 }
 
 /// Noise and residual of measured orientations.
@@ -48,19 +66,22 @@ pub(super) fn target_fits(fit: &Fit) -> (Vec<TargetFit>, Option<OrientationFit>)
             sums[slot].1 += block.residual.norm_squared();
         }
     }
-    let noise = |part| fit.whitening.own(part).sqrt() * 1e3;
     let rms = |(rows, sum): (usize, f64)| (sum / rows.max(1) as f64).sqrt() * 1e3;
-    let targets = (0..layout.targets).map(|number| TargetFit {
-        number: number + 1,
-        rows: sums[number].0,
-        place_m: fit.state.place(number).into(),
-        noise_mm: noise(RowPart::Target(number)),
-        rms_mm: rms(sums[number]),
+    let targets = (0..layout.targets).map(|number| {
+        let own = fit.target_noise(number);
+        TargetFit {
+            number: number + 1,
+            rows: sums[number].0,
+            place_m: fit.state.place(number).into(),
+            noise_mm: own.across.sqrt() * 1e3,
+            depth_noise_mm: (own.sight != Vector3::zeros()).then(|| own.along.sqrt() * 1e3),
+            rms_mm: rms(sums[number]),
+        }
     });
     let body = sums[layout.targets];
     let orientation = layout.body.then(|| OrientationFit {
         rows: body.0,
-        noise_mrad: noise(RowPart::Body),
+        noise_mrad: fit.whitening.body.sqrt() * 1e3,
         rms_mrad: rms(body),
     });
     (targets.collect(), orientation)

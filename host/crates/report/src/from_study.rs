@@ -156,7 +156,7 @@ fn targets_table(study: &Study) -> Option<SimpleTable> {
                 format!("target {}", target.number),
                 target.rows.to_string(),
                 millimetres(&study.model.tcp_in_flange(target.place_m)),
-                format!("{:.3} mm", target.noise_mm),
+                target.noise_words(),
                 format!("{:.3} mm", target.rms_mm),
                 stated(errors.n, format!("{:.3} mm", errors.mean_mm)),
             ]

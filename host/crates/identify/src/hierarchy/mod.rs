@@ -36,10 +36,11 @@ use super::chain::{Prepared, State};
 use super::error::IdentifyError;
 use super::identifiability::{Identifiability, analyse};
 use super::load::Nominal;
-use super::normal::{Group, Normal, Whitening, accumulate, distances, groups, log_determinant};
+use super::normal::{Group, Normal, Own, Whitening, accumulate, distances, groups, log_determinant};
 use super::options::{Model, Options};
 use super::parameter_table::table;
 use super::parameters::{Layout, Parameter};
+use super::seen::RowPart;
 use super::solve::{Posterior, Unknowns};
 use spherecal_model::{Experiment, Set};
 
@@ -81,6 +82,13 @@ pub(crate) struct Fit {
 }
 
 impl Fit {
+    /// Own noise of a target in the rows that have a line of sight, or in all rows where none has. The line is that of X.
+    pub(crate) fn target_noise(&self, number: usize) -> Own {
+        let sighted = self.prepared.iter().any(|p| p.sighted);
+        let sight = if sighted { Vector3::x() } else { Vector3::zeros() };
+        self.whitening.own(RowPart::Target(number), sight)
+    }
+
     /// TCP (m, F0) at joint angles (rad).
     pub(crate) fn tcps(&self, postures: &[Vec<f64>]) -> Vec<Vector3<f64>> {
         let at = |q: &Vec<f64>| {

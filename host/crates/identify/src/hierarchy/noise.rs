@@ -10,7 +10,7 @@
 //! which the hyperprior of `ln σ` pulls. The degrees of freedom of Student's t maximise the likelihood of the whitened
 //! residuals with their hyperprior.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use rayon::prelude::*;
 use spherecal_model::input::MOST_TARGETS;
 
@@ -23,11 +23,12 @@ use crate::parts::Block;
 use crate::seen::RowPart;
 use crate::solve::Unknowns;
 
-/// Numbers of the variances: joints, contacts, targets, body.
+/// Numbers of the variances: joints, contacts, targets (across the line of sight), body, targets along it.
 const JOINT: usize = 0;
 const SEATING: usize = 1;
 const BODY: usize = 2 + MOST_TARGETS;
-const COUNT: usize = 3 + MOST_TARGETS;
+const ALONG: usize = 3 + MOST_TARGETS;
+const COUNT: usize = ALONG + MOST_TARGETS;
 type Variances = [f64; COUNT];
 
 fn slot(observation: &Prepared, part: RowPart) -> usize {
@@ -55,17 +56,44 @@ fn variances_of(w: &Whitening) -> Variances {
     all[JOINT] = w.joint;
     all[SEATING] = w.seating;
     for number in 0..MOST_TARGETS {
-        all[2 + number] = w.own(RowPart::Target(number));
+        let own = w.own(RowPart::Target(number), Vector3::zeros());
+        (all[2 + number], all[ALONG + number]) = (own.across, own.along);
     }
     all[BODY] = w.body;
     all
+}
+
+/// The variances of a part's three numbers.
+struct PartAxes {
+    /// Number of the variance across the line of sight.
+    across: usize,
+    /// Number of the variance along it, and the line; none where the noise is alike in all directions.
+    along: Option<(usize, Vector3<f64>)>,
+}
+
+impl PartAxes {
+    fn new(observation: &Prepared, block: &Block) -> Self {
+        let across = slot(observation, block.part);
+        let along = (block.sight != Vector3::zeros()).then(|| (across + ALONG - 2, block.sight));
+        Self { across, along }
+    }
+
+    /// What each variance gets of `tr(Qᵀ M Q)`, for the part's own block `M` of a matrix.
+    fn share(&self, m: &Matrix3<f64>, to: &mut Variances) {
+        let along = self.along.map_or(0.0, |(slot, sight)| {
+            let along = sight.dot(&(m * sight));
+            to[slot] += along;
+            along
+        });
+        to[self.across] += m.trace() - along;
+    }
 }
 
 /// One row: its joint columns (3K x joints), its residual, and the variance of each part.
 struct StackedRow {
     joints: DMatrix<f64>,
     residual: DVector<f64>,
-    slots: Vec<usize>,
+    axes: Vec<PartAxes>,
     inverse: DMatrix<f64>,
     /// `C⁻¹ r`.
     solved: DVector<f64>,
@@ -77,11 +105,13 @@ impl StackedRow {
         let rows = 3 * blocks.len();
         let joints = DMatrix::from_fn(rows, n, |r, c| blocks[r / 3].joints[c][r % 3]);
         let residual = DVector::from_fn(rows, |r, _| blocks[r / 3].residual[r % 3]);
-        let slots: Vec<usize> = blocks.iter().map(|b| slot(observation, b.part)).collect();
+        let axes: Vec<PartAxes> = blocks.iter().map(|b| PartAxes::new(observation, b)).collect();
         let mut covariance = &joints * joints.transpose() * variances[JOINT];
-        for (k, &slot) in slots.iter().enumerate() {
-            for axis in 0..3 {
-                covariance[(3 * k + axis, 3 * k + axis)] += variances[slot];
+        for (k, part) in axes.iter().enumerate() {
+            let mut own = covariance.fixed_view_mut::<3, 3>(3 * k, 3 * k);
+            own += Matrix3::from_diagonal_element(variances[part.across]);
+            if let Some((slot, sight)) = part.along {
+                own += sight * sight.transpose() * (variances[slot] - variances[part.across]);
             }
         }
         let factor = covariance.cholesky()?;
@@ -91,7 +121,7 @@ impl StackedRow {
             inverse: factor.inverse(),
             joints,
             residual,
-            slots,
+            axes,
             solved,
         })
     }
@@ -104,8 +134,9 @@ impl StackedRow {
     fn found(&self) -> Variances {
         let mut found = [0.0; COUNT];
         found[JOINT] = self.joints.tr_mul(&self.solved).norm_squared();
-        for (k, &slot) in self.slots.iter().enumerate() {
-            found[slot] += self.solved.rows(3 * k, 3).norm_squared();
+        for (k, part) in self.axes.iter().enumerate() {
+            let solved = self.solved.fixed_rows::<3>(3 * k);
+            part.share(&(solved * solved.transpose()), &mut found);
         }
         found
     }
@@ -114,8 +145,8 @@ impl StackedRow {
     fn traces(&self, m: &DMatrix<f64>) -> Variances {
         let mut traces = [0.0; COUNT];
         traces[JOINT] = (m * &self.joints).dot(&self.joints);
-        for (k, &slot) in self.slots.iter().enumerate() {
-            traces[slot] += (0..3).map(|axis| m[(3 * k + axis, 3 * k + axis)]).sum::<f64>();
+        for (k, part) in self.axes.iter().enumerate() {
+            part.share(&m.fixed_view::<3, 3>(3 * k, 3 * k).into_owned(), &mut traces);
         }
         traces
     }
@@ -202,7 +233,9 @@ impl RowsNoise {
                 all[k] += traces[k];
             }
             count[JOINT] += row.numbers();
-            row.slots.iter().for_each(|slot| count[*slot] += 3.0);
+            for part in &row.axes {
+                part.share(&Matrix3::identity(), &mut count);
+            }
         }
         let every = seen.prepared.len().div_ceil(LEVERAGE_ROWS).max(1);
         let chosen: Vec<(&Prepared, &StackedRow, f64)> = seen
@@ -259,6 +292,7 @@ impl RowsNoise {
             seating: next[SEATING],
             point: next[2],
             further: std::array::from_fn(|k| next[3 + k]),
+            along: std::array::from_fn(|k| next[ALONG + k]),
             body: next[BODY],
         };
         if self.nu > 0.0 {

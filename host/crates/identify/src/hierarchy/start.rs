@@ -60,6 +60,7 @@ pub(crate) fn prepare(
             load: nominal.load(&observation.q, observation.tau.as_deref().filter(|_| measured)),
             lead,
             target: target_of(&observation.target, &experiment.spheres),
+            sighted: matches!(observation.target, Target::Frame(_)),
             further,
             reference: layout.references.binary_search(&reference).unwrap_or_default(),
             sphere,

@@ -56,12 +56,12 @@ pub(crate) fn whitened_rows(
                 all[layout.joint(j) + k] = pose.joints[j] * *value;
             }
         }
-        let floor = if before.is_empty() {
-            whitening.leading(observation)
+        let own = if before.is_empty() {
+            whitening.leading(observation, block.sight)
         } else {
-            whitening.own(block.part)
+            whitening.own(block.part, block.sight)
         };
-        let given = Conditional::new(whitening, floor, &block.joints[..layout.n], before.iter());
+        let given = Conditional::new(whitening, &own, &block.joints[..layout.n], before.iter());
         before.push(pose.joints.map(|joint| joint / weight.sqrt()));
         let row = WhitenedTarget {
             root: given.root.scaled(weight.sqrt()),
@@ -132,8 +132,10 @@ fn whitened<const K: usize>(
             } else {
                 state.further(layout.n, observation, &k)
             };
+            let sight = state.sight(observation, &observation.target);
             for (candidate, (rows, log)) in candidates.iter().zip(&mut found) {
-                let root = Root::new(&candidate.covariance(&columns[..layout.n], candidate.leading(observation)));
+                let own = candidate.leading(observation, sight);
+                let root = Root::new(&candidate.covariance(&columns[..layout.n], &own));
                 let residual = root.times(&residual);
                 let mut d2 = residual.norm_squared();
                 *log += root.log_determinant();

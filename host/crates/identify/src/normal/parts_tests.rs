@@ -9,7 +9,7 @@ use spherecal_shared::robot::{Tool, built_in};
 use super::accumulate;
 use super::groups::{groups, places};
 use super::pose_columns::PoseColumns;
-use super::whitening::{Conditional, Root, Whitening};
+use super::whitening::{Conditional, Own, Root, Whitening};
 use crate::chain::{N, Prepared, State};
 use crate::hierarchy::prepare;
 use crate::load::Nominal;
@@ -107,6 +107,7 @@ fn plain() -> Whitening {
     let mut whitening = Whitening::new(&Noise::default());
     (whitening.joint, whitening.seating, whitening.point) = (0.0, 1.0, 1.0);
     whitening.further.fill(1.0);
+    whitening.along.fill(1.0);
     whitening.body = 1.0;
     whitening
 }
@@ -193,6 +194,7 @@ fn equations_are_those_of_the_dense_covariance() {
     let mut whitening = plain();
     (whitening.joint, whitening.point, whitening.body) = (1e-8, 2e-9, 3e-7);
     whitening.further = [1e-9, 5e-8, 1e-9, 1e-9, 1e-9];
+    whitening.along = [3e-8, 1e-10, 2e-8, 4e-9, 1e-9, 1e-9];
     let weights: Vec<f64> = (0..prepared.len()).map(|k| 0.3 + 0.2 * k as f64).collect();
     let grouped = groups(prepared);
     let found = accumulate(state, layout, prepared, &grouped, &whitening, &weights);
@@ -203,9 +205,9 @@ fn equations_are_those_of_the_dense_covariance() {
         let joints = DMatrix::from_fn(residual.len(), layout.n, |r, c| blocks[r / 3].joints[c][r % 3]);
         let mut covariance = &joints * joints.transpose() * whitening.joint;
         for (k, block) in blocks.iter().enumerate() {
-            for axis in 0..3 {
-                covariance[(3 * k + axis, 3 * k + axis)] += whitening.own(block.part);
-            }
+            let own = whitening.own(block.part, block.sight);
+            let (sight, mut place) = (block.sight, covariance.fixed_view_mut::<3, 3>(3 * k, 3 * k));
+            place += Matrix3::from_diagonal_element(own.across) + sight * sight.transpose() * (own.along - own.across);
         }
         let inverse = covariance.try_inverse().unwrap();
         matrix += columns.transpose() * &inverse * &columns * *weight;
@@ -247,7 +249,7 @@ proptest! {
         let mut found = 0.0;
         for (k, (own, residual, floor)) in parts.iter().enumerate() {
             let floor = 10_f64.powf(2.0 * floor);
-            let given = Conditional::new(&whitening, floor, own, before.iter().map(|b| &b.0));
+            let given = Conditional::new(&whitening, &Own::alike(floor), own, before.iter().map(|b| &b.0));
             let mut joints = [Vector3::zeros(); N];
             for (c, column) in joints.iter_mut().enumerate().take(7) {
                 *column = given.times(&own[c], before.iter().map(|b| b.0[c]));
@@ -257,7 +259,7 @@ proptest! {
             let off = (w - white.fixed_rows::<3>(3 * k)).amax();
             prop_assert!(off < 1e-8 * (1.0 + white.amax()), "part {k}: {off:e}");
             if k == 0 {
-                let root = Root::new(&whitening.covariance(own, floor));
+                let root = Root::new(&whitening.covariance(own, &Own::alike(floor)));
                 prop_assert_eq!(root.times(residual), w);
             }
             before.push((joints, w));

@@ -75,8 +75,16 @@ impl PoseColumns {
         // The earlier columns hold the row's weight; the factor between the parts does not.
         let root = weight.sqrt();
         let unweighted: Vec<[Vector3<f64>; N]> = before.iter().map(|b| b.joints.map(|v| v / root)).collect();
-        let floor = whitening.own(seen.part());
-        let given = Conditional::new(whitening, floor, &joints[..n], unweighted.iter());
+        let sight = match seen {
+            Seen::Target { at, .. } => state.sight(observation, at),
+            Seen::Body(_) => Vector3::zeros(),
+        };
+        let given = Conditional::new(
+            whitening,
+            &whitening.own(seen.part(), sight),
+            &joints[..n],
+            unweighted.iter(),
+        );
         for (c, column) in own[..general + 6].iter_mut().enumerate() {
             *column = given.times(&(*column * root), before.iter().map(|b| b.own[c]));
         }
@@ -119,7 +127,8 @@ impl PoseColumns {
             own[general + axis] = e;
             own[general + 3 + axis] = e.cross(&arm);
         }
-        let covariance = whitening.covariance(&joints[..n], whitening.leading(observation));
+        let leading = whitening.leading(observation, state.sight(observation, &observation.target));
+        let covariance = whitening.covariance(&joints[..n], &leading);
         let root = Root::new(&covariance).scaled(weight.sqrt());
         for column in &mut own[..general + 6] {
             *column = root.times(column);

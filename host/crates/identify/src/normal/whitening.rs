@@ -21,10 +21,12 @@ pub(crate) struct Whitening {
     pub(crate) joint: f64,
     /// Variance of seating on a sphere, in m².
     pub(crate) seating: f64,
-    /// Variance of a measured point, in m²: the TCP's.
+    /// Variance of a measured point, in m²: the TCP's; across the line of sight where that is known.
     pub(crate) point: f64,
     /// Variance of measured points of targets 2.., in m².
     pub(crate) further: [f64; FURTHER],
+    /// Variance of each target along the line of sight, in m².
+    pub(crate) along: [f64; MOST_TARGETS],
     /// Variance of a measured orientation, in rad².
     pub(crate) body: f64,
 }
@@ -36,6 +38,7 @@ impl Whitening {
         seating: 1.0,
         point: 1.0,
         further: [1.0; FURTHER],
+        along: [1.0; MOST_TARGETS],
         body: 1.0,
     };
 
@@ -47,6 +50,7 @@ impl Whitening {
             seating: noise.seating_m.powi(2),
             point,
             further: [point; FURTHER],
+            along: [point; MOST_TARGETS],
             body: BODY_SIGMA_RAD.powi(2),
         }
     }
@@ -59,34 +63,38 @@ impl Whitening {
             seating: self.seating * square,
             point: self.point * square,
             further: self.further.map(|variance| variance * square),
+            along: self.along.map(|variance| variance * square),
             body: self.body * square,
         }
     }
 
-    /// Variance of a part's own noise, in m² or rad².
-    pub(crate) fn own(&self, part: RowPart) -> f64 {
+    /// A part's own noise, seen along `sight` (see [`Own::sight`]).
+    pub(crate) fn own(&self, part: RowPart, sight: Vector3<f64>) -> Own {
         match part {
-            RowPart::Target(number) => match number.checked_sub(1) {
-                None => self.point,
-                Some(k) => self.further.get(k).copied().unwrap_or(self.point),
-            },
-            RowPart::Body => self.body,
+            RowPart::Target(number) => {
+                let further = number.checked_sub(1).and_then(|k| self.further.get(k));
+                Own {
+                    across: further.copied().unwrap_or(self.point),
+                    along: self.along.get(number).copied().unwrap_or(self.point),
+                    sight,
+                }
+            }
+            RowPart::Body => Own::alike(self.body),
         }
     }
 
     /// The same of the part that leads a row.
     #[inline]
-    pub(crate) fn leading(&self, observation: &Prepared) -> f64 {
-        match (observation.sphere, observation.lead) {
-            (Some(_), _) => self.seating,
-            (None, 0) => self.point,
-            (None, _) => self.own(observation.leading()),
+    pub(crate) fn leading(&self, observation: &Prepared, sight: Vector3<f64>) -> Own {
+        match observation.sphere {
+            Some(_) => Own::alike(self.seating),
+            None => self.own(observation.leading(), sight),
         }
     }
 
-    /// `C` at a pose for noise of variance `floor`, in m².
+    /// `C` at a pose, in m².
     #[inline]
-    pub(crate) fn covariance(&self, joints: &[Vector3<f64>], floor: f64) -> Matrix3<f64> {
+    pub(crate) fn covariance(&self, joints: &[Vector3<f64>], own: &Own) -> Matrix3<f64> {
         let (mut xx, mut yy, mut zz, mut xy, mut xz, mut yz) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         for j in joints {
             xx += j.x * j.x;
@@ -97,7 +105,8 @@ impl Whitening {
             yz += j.y * j.z;
         }
         let v = self.joint;
-        Matrix3::new(
+        let floor = own.across;
+        let joints = Matrix3::new(
             v * xx + floor,
             v * xy,
             v * xz,
@@ -107,7 +116,39 @@ impl Whitening {
             v * xz,
             v * yz,
             v * zz + floor,
-        )
+        );
+        if own.sight == Vector3::zeros() {
+            joints
+        } else {
+            joints + own.sight * own.sight.transpose() * (own.along - own.across)
+        }
+    }
+}
+
+/// The own noise of a part of a row.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Own {
+    /// Variance across the line of sight, in m² or rad².
+    pub(crate) across: f64,
+    /// Variance along it.
+    pub(crate) along: f64,
+    /// The line of sight in F0, of length 1; zero where the noise is alike in all directions.
+    pub(crate) sight: Vector3<f64>,
+}
+
+impl Own {
+    /// Noise of this variance in all directions.
+    pub(crate) fn alike(variance: f64) -> Self {
+        Self {
+            across: variance,
+            along: variance,
+            sight: Vector3::zeros(),
+        }
+    }
+
+    /// Mean of the variances of the three axes.
+    pub(crate) fn mean(&self) -> f64 {
+        self.across + (self.along - self.across) / 3.0 * self.sight.norm_squared()
     }
 }
 
@@ -127,15 +168,15 @@ pub(crate) struct Conditional {
 }
 
 impl Conditional {
-    /// For a part with joint columns `joints` and own noise of variance `floor`; `before` are the
-    /// whitened joint columns of the earlier parts.
+    /// For a part with joint columns `joints` and own noise `own`; `before` are the whitened joint columns of the earlier
+    /// parts.
     pub(crate) fn new<'b>(
         whitening: &Whitening,
-        floor: f64,
+        own: &Own,
         joints: &[Vector3<f64>],
         before: impl Iterator<Item = &'b [Vector3<f64>; N]>,
     ) -> Self {
-        let mut rest = whitening.covariance(joints, floor);
+        let mut rest = whitening.covariance(joints, own);
         let factor = |before: &[Vector3<f64>; N]| {
             let pairs = joints.iter().zip(before);
             pairs
@@ -178,8 +219,8 @@ impl Whitening {
         let mut before = vec![(joints, residual)];
         let (mut d2, mut log) = (0.0, 0.0);
         for block in further {
-            let own = self.own(block.part);
-            let given = Conditional::new(self, own, &block.joints[..n], before.iter().map(|b| &b.0));
+            let own = self.own(block.part, block.sight);
+            let given = Conditional::new(self, &own, &block.joints[..n], before.iter().map(|b| &b.0));
             let mut joints = [Vector3::zeros(); N];
             for (c, column) in joints.iter_mut().enumerate().take(n) {
                 *column = given.times(&block.joints[c], before.iter().map(|b| b.0[c]));

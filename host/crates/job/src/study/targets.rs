@@ -28,6 +28,7 @@ pub(super) fn into_summary(study: &Study, document: &mut Value) {
                 "rows": target.rows,
                 "place_mm": study.model.tcp_in_flange(target.place_m).map(|x| x * 1e3),
                 "noise_mm": target.noise_mm,
+                "depth_noise_mm": target.depth_noise_mm,
                 "rms_mm": target.rms_mm,
                 "validation": errors.map(|e| json!({
                     "n": e.n, "mean_mm": e.mean_mm, "rms_mm": e.rms_mm, "max_mm": e.max_mm,
@@ -71,11 +72,11 @@ pub(super) fn words(study: &Study) -> String {
         let e = judged.map_or_else(Errors::default, |model| model.target_errors(target.number));
         let _ = writeln!(
             out,
-            "  target {}: {} rows, at {} mm in the flange frame, noise {:.3} mm{}",
+            "  target {}: {} rows, at {} mm in the flange frame, noise {}{}",
             target.number,
             target.rows,
             millimetres(&study.model.tcp_in_flange(target.place_m)),
-            target.noise_mm,
+            target.noise_words(),
             if e.n > 0 {
                 format!(", mean error {:.3} mm on {} validation rows", e.mean_mm, e.n)
             } else {

@@ -171,8 +171,15 @@ impl Drawn {
 
     /// Rows with the pose of the tool, noise in mm and mrad.
     pub(crate) fn poses(&mut self, rows: usize, mm: f64, mrad: f64) -> Experiment {
+        self.seen_poses(rows, mm, mm, mrad)
+    }
+
+    /// The same of an instrument whose noise along the line of sight, from the origin of its frame, is `depth_mm`.
+    pub(crate) fn seen_poses(&mut self, rows: usize, mm: f64, depth_mm: f64, mrad: f64) -> Experiment {
         self.experiment(rows, |own, flange| {
             let off = Vector3::from_fn(|_, _| normal(&mut own.rng, mm / 1e3));
+            let sight = flange.point(&Vector3::from(POINTS[0])).normalize();
+            let off = off + sight * (sight.dot(&off) * (depth_mm / mm - 1.0));
             let turn = Vector3::from_fn(|_, _| normal(&mut own.rng, mrad / 1e3));
             Target::Frame(Box::new(Pose {
                 rotation: Rotation3::new(turn).into_inner() * flange.rotation * own.body,

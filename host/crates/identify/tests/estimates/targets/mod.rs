@@ -203,3 +203,33 @@ fn what_cannot_be_used_is_refused() {
     let words = identify(&experiment, &Options::default()).unwrap_err().to_string();
     assert!(words.contains("target 1 is in 0 rows"), "{words}");
 }
+
+// Fails if a camera's noise along its line of sight, ten times that across it, is not found within 30 %, if more than a tenth of
+// the stated sigmas is exceeded twofold, or if such depths make the arm worse than half of what the same noise in all
+// directions makes it.
+#[test]
+fn a_cameras_depth_has_a_noise_of_its_own() {
+    let (mut depth, mut alike) = (Vec::new(), Vec::new());
+    let (mut beyond, mut all) = (0.0, 0.0);
+    for seed in 51..=58 {
+        let mut drawn = Drawn::new(seed);
+        let found = fitted(&drawn.seen_poses(60, 0.3, 3.0, 2.0));
+        let (more, of) = beyond_two_sigmas(&drawn, &found);
+        beyond += more;
+        all += of;
+        depth.push(tcp_error_mm(&drawn, &found));
+        let target = found.targets[0];
+        assert!((0.7..1.3).contains(&(target.noise_mm / 0.3)), "seed {seed}: {target:?}");
+        let along = target.depth_noise_mm.expect("has one");
+        assert!((0.7..1.3).contains(&(along / 3.0)), "seed {seed}: {target:?}");
+        let found = fitted(&drawn.poses(60, 3.0, 2.0));
+        alike.push(tcp_error_mm(&drawn, &found));
+    }
+    println!(
+        "TCP error: depth {:.4} mm, alike {:.4} mm; beyond two sigmas: {beyond} of {all}",
+        mean(&depth),
+        mean(&alike)
+    );
+    assert!(beyond < 0.1 * all, "{beyond} of {all}");
+    assert!(mean(&depth) < 0.5 * mean(&alike), "{depth:?} {alike:?}");
+}
