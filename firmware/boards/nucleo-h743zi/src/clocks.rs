@@ -1,5 +1,5 @@
-//! Clocks and supply: 480 MHz from the ST-LINK's 8 MHz, and a check of the
-//! supply voltage.
+//! Clocks and supply: 480 MHz from the ST-LINK's 8 MHz, or from the chip's own oscillator without them, and a check of
+//! the supply voltage.
 
 use embassy_stm32::Config;
 use embassy_stm32::interrupt::Priority;
@@ -12,16 +12,39 @@ use embassy_stm32::time::Hertz;
 /// Frequency of the core, in Hz.
 pub const CORE_HZ: u32 = 480_000_000;
 
-/// 480 MHz for the core, 240 MHz for the buses, 120 MHz for the peripherals.
-pub fn configuration() -> Config {
+/// Revision V of the chip: 480 MHz is beyond what the older ones are made for.
+const REVISION_V: u16 = 0x2003;
+/// Looks at the external clock before it is given up, at the 64 MHz of the start: some 10 ms.
+const HSE_LOOKS: u32 = 100_000;
+
+/// Whether the chip is made for [`CORE_HZ`].
+pub fn chip_is_fast_enough() -> bool {
+    pac::DBGMCU.idc().read().rev_id() >= REVISION_V
+}
+
+/// Whether the ST-LINK gives its 8 MHz. It gives none where it has no power or other firmware.
+pub fn has_external_clock() -> bool {
+    pac::RCC.cr().modify(|w| w.set_hsebyp(true));
+    pac::RCC.cr().modify(|w| w.set_hseon(true));
+    (0..HSE_LOOKS).any(|_| pac::RCC.cr().read().hserdy())
+}
+
+/// 480 MHz for the core, 240 MHz for the buses, 120 MHz for the peripherals; from the chip's own 64 MHz (within 1 %) where
+/// there is no `external` clock.
+pub fn configuration(external: bool) -> Config {
     let mut config = Config::default();
-    config.rcc.hse = Some(Hse {
+    config.rcc.hse = external.then_some(Hse {
         freq: Hertz(8_000_000),
         mode: HseMode::Bypass,
     });
+    let (source, prediv) = if external {
+        (PllSource::HSE, PllPreDiv::DIV1)
+    } else {
+        (PllSource::HSI, PllPreDiv::DIV8)
+    };
     config.rcc.pll1 = Some(Pll {
-        source: PllSource::HSE,
-        prediv: PllPreDiv::DIV1,
+        source,
+        prediv,
         mul: PllMul::MUL120,
         fracn: None,
         divp: Some(PllDiv::DIV2),

@@ -142,12 +142,19 @@ fn main() -> ! {
     core.DCB.enable_trace();
     DWT::unlock();
     core.DWT.enable_cycle_counter();
-    let p = embassy_stm32::init(clocks::configuration());
+    if !clocks::chip_is_fast_enough() {
+        defmt::panic!("480 MHz needs revision V of the STM32H743; this chip is an older one");
+    }
+    let external = clocks::has_external_clock();
+    let p = embassy_stm32::init(clocks::configuration(external));
     defmt::info!(
         "spherecal {} on nucleo-h743zi, build {}",
         env!("CARGO_PKG_VERSION"),
         BUILD
     );
+    if !external {
+        defmt::warn!("the ST-LINK gives no clock: the chip's own oscillator runs the board");
+    }
     record::log_last();
     clocks::watch_supply();
     self_test();

@@ -6,6 +6,7 @@
 //! the link task's memory, in AXI SRAM. DMA cannot reach the stack.
 
 use embassy_stm32::Peri;
+use embassy_stm32::gpio::Pull;
 use embassy_stm32::mode::Async;
 use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH1, DMA1_CH2, DMA1_CH3, PD5, PD6, PD8, PD9, USART2, USART3};
 use embassy_stm32::usart::{Config, RingBufferedUartRx, Uart, UartTx};
@@ -34,6 +35,8 @@ type Port = (Receiver, Transmitter);
 fn at(baud: u32) -> Config {
     let mut config = Config::default();
     config.baudrate = baud;
+    // A line that nobody drives is idle, and no stream of noise.
+    config.rx_pull = Pull::Up;
     config
 }
 
