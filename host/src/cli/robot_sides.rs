@@ -39,6 +39,10 @@ pub struct PlantArgs {
     /// Default: 7401; with --fci 1337, the only port that official clients know.
     #[arg(long, value_name = "[HOST:]PORT", conflicts_with = "fri")]
     pub listen: Option<String>,
+    /// Serve the drive link to a controller board at this serial port, in real time (default 3,000,000 baud): the board
+    /// moves the simulated arm.
+    #[arg(long, value_name = "DEVICE[@BAUD]", conflicts_with_all = ["listen", "fci", "fri", "ur", "once"])]
+    pub serial: Option<String>,
     /// Be a Panda or an FR3 for clients of the Franka Control Interface, in real time.
     #[arg(long, conflicts_with_all = ["fri", "real_time", "once"])]
     pub fci: bool,

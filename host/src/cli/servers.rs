@@ -4,6 +4,7 @@
 //! wait for it. Everything else goes to stderr. Ctrl-C ends it; the other side sees the connection
 //! close.
 
+use std::net::TcpListener;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -18,8 +19,8 @@ use super::ur_side;
 use crate::simulated;
 use spherecal_job::{self as job, Link};
 use spherecal_link::native::enter_real_time;
-use spherecal_link::tcp::{DriveServer, TcpDrive, TcpError, controller_server, listen};
-use spherecal_link::{Device, Drive, LinkError, LocalDevice, controller_in_process};
+use spherecal_link::tcp::{DriveServer, RemoteDrive, TcpError, controller_server, listen};
+use spherecal_link::{Device, Drive, LinkError, LocalDevice, Serial, controller_in_process};
 
 /// Interval at which a controller prints what its robot reported.
 const EVENTS: Duration = Duration::from_millis(100);
@@ -27,7 +28,7 @@ const EVENTS: Duration = Duration::from_millis(100);
 /// Arguments of `controller`.
 #[derive(Args, Clone, Debug)]
 pub struct ControllerArgs {
-    /// Drive: tcp:HOST:PORT of a simulator, a gateway or `spherecal plant`; franka:HOST; fri:PORT; ur:HOST.
+    /// Drive: tcp:HOST:PORT or serial:DEVICE[@BAUD] of a simulator, a gateway or `spherecal plant`; franka:HOST; fri:PORT; ur:HOST.
     #[arg(long, value_name = "LINK", value_parser = drive_link)]
     pub drive: Link,
     /// Configuration of the run: robot, tool and thresholds for franka:, fri: and ur:. Set
@@ -45,8 +46,10 @@ pub struct ControllerArgs {
 /// A link to a drive.
 fn drive_link(text: &str) -> Result<Link, BadValue> {
     match text.parse() {
-        Ok(link @ (Link::Tcp(_) | Link::Franka { .. } | Link::Fri(_) | Link::Ur { .. })) => Ok(link),
-        _ => Err(BadValue("give tcp:HOST:PORT, franka:HOST, fri:PORT or ur:HOST")),
+        Ok(link @ (Link::Tcp(_) | Link::Serial(_) | Link::Franka { .. } | Link::Fri(_) | Link::Ur { .. })) => Ok(link),
+        _ => Err(BadValue(
+            "give tcp:HOST:PORT, serial:DEVICE[@BAUD], franka:HOST, fri:PORT or ur:HOST",
+        )),
     }
 }
 
@@ -56,6 +59,12 @@ fn tcp_address(text: &str) -> Result<String, BadValue> {
         Some(address) if !address.is_empty() => Ok(address.to_owned()),
         _ => Err(BadValue("give tcp:HOST:PORT")),
     }
+}
+
+/// Where the controllers of a plant come from.
+enum Door<'a> {
+    Tcp(TcpListener),
+    Serial(&'a str),
 }
 
 /// `spherecal plant`
@@ -76,13 +85,27 @@ pub(super) fn plant(args: &PlantArgs) -> Result<Exit, CliError> {
         return Err(CliError::input("--tolerant: give --fci or --fri with it"));
     }
     let drive = simulated::drive(&args.configuration()?)?;
-    let (listener, address) = listen(args.listen.as_deref().unwrap_or("7401")).map_err(LinkError::from)?;
-    warn_if_open("plant", address);
-    let way = if args.real_time { "in real time" } else { "in lock-step" };
-    announce(&format!("drive link, {way}, on tcp:{address}"));
-    let mut server = DriveServer::new(drive, args.real_time);
+    let mut server = DriveServer::new(drive, args.real_time || args.serial.is_some());
+    let door = match &args.serial {
+        Some(device) => {
+            Serial::check(device)?;
+            announce(&format!("drive link, in real time, on serial:{device}"));
+            Door::Serial(device)
+        }
+        None => {
+            let (listener, address) = listen(args.listen.as_deref().unwrap_or("7401")).map_err(LinkError::from)?;
+            warn_if_open("plant", address);
+            let way = if args.real_time { "in real time" } else { "in lock-step" };
+            announce(&format!("drive link, {way}, on tcp:{address}"));
+            Door::Tcp(listener)
+        }
+    };
     loop {
-        match server.serve(&listener) {
+        let served = match &door {
+            Door::Tcp(listener) => server.serve(listener),
+            Door::Serial(device) => server.serve_serial(device),
+        };
+        match served {
             Ok(service) => errln!(
                 "a controller disconnected after {} commands ({} missing, {} late, {} damaged frames)",
                 service.commands,
@@ -102,7 +125,10 @@ pub(super) fn plant(args: &PlantArgs) -> Result<Exit, CliError> {
 
 fn open_drive(args: &ControllerArgs) -> Result<Box<dyn Drive>, CliError> {
     if let Link::Tcp(address) = &args.drive {
-        return Ok(Box::new(TcpDrive::connect(address).map_err(LinkError::from)?));
+        return Ok(Box::new(RemoteDrive::connect(address).map_err(LinkError::from)?));
+    }
+    if let Link::Serial(device) = &args.drive {
+        return Ok(Box::new(RemoteDrive::open(device)?));
     }
     let mut config = base(args.config.as_deref(), None)?;
     if args.config.is_none()

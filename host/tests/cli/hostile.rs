@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use spherecal::link::tcp::{Remote, TcpDrive};
+use spherecal::link::tcp::{Remote, RemoteDrive};
 use spherecal::link::{Device as _, Drive as _};
 use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
 use spherecal_shared::protocol::frame::{self, MAX_FRAME, Message};
@@ -128,7 +128,7 @@ fn page(address: &str) {
 
 /// Controls a drive for some periods, its brakes closed.
 fn controls(address: &str) {
-    let mut drive = TcpDrive::connect(address).expect("a drive");
+    let mut drive = RemoteDrive::connect(address).expect("a drive");
     let mut state = DriveState::default();
     drive.exchange(None, &mut state).expect("a state");
     for _ in 0..5 {

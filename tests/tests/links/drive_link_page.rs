@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
 use serde_json::Value;
-use spherecal::link::tcp::{DriveServer, TcpDrive, listen};
+use spherecal::link::tcp::{DriveServer, RemoteDrive, listen};
 use spherecal::link::{Arrival, Device, Drive, HostEndpoint, LocalDevice, Timing, controller_in_process};
 use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::simulated_arm;
@@ -281,7 +281,7 @@ fn the_python_drive_is_moved_by_the_controller() {
     let address = line.trim().rsplit("tcp:").next().expect("an address");
     let robot = root().join("examples/python/point_arm.toml");
     let model = spherecal::model::robots::load(&robot.display().to_string()).expect("the arm of the example");
-    let drive = TcpDrive::connect(address).expect("the drive answers");
+    let drive = RemoteDrive::connect(address).expect("the drive answers");
     spherecal::link::tcp::check_limits(&drive.hello().limits, &model.robot).expect("one and the same arm");
     let mut cell =
         LocalDevice::new(controller_in_process(7).expect("a controller"), Box::new(drive), 7).expect("a cell");

@@ -7,7 +7,7 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use spherecal::link::tcp::{DriveServer, Remote, TcpDrive, controller_server, listen};
+use spherecal::link::tcp::{DriveServer, Remote, RemoteDrive, controller_server, listen};
 use spherecal::link::{Device, Drive, LinkError};
 use spherecal::sim::plant::PlantConfig;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
@@ -72,7 +72,7 @@ fn states(stream: &mut TcpStream, round: u64) -> std::io::Result<()> {
 
 /// Drives until the link ends; returns what is said.
 fn driven(address: &str) -> String {
-    let mut drive = match TcpDrive::connect(address) {
+    let mut drive = match RemoteDrive::connect(address) {
         Ok(drive) => drive,
         Err(error) => return error.to_string(),
     };
@@ -182,7 +182,7 @@ fn controller(drive: Box<dyn Drive>) -> (SocketAddr, mpsc::Receiver<String>) {
 fn drive_in_real_time() -> Box<dyn Drive> {
     let (listener, address) = listen("0").expect("a free port");
     thread::spawn(move || drop(DriveServer::new(arm(), true).serve(&listener)));
-    Box::new(TcpDrive::connect(&address.to_string()).expect("a drive"))
+    Box::new(RemoteDrive::connect(&address.to_string()).expect("a drive"))
 }
 
 /// Whether the other side greets within [`END`].
@@ -267,7 +267,7 @@ fn timed_a_harmful_controller_does_not_keep_the_plant() {
                 }
             }
         }
-        let mut next = TcpDrive::connect(&address.to_string()).expect("the next controller is served");
+        let mut next = RemoteDrive::connect(&address.to_string()).expect("the next controller is served");
         let mut state = DriveState::default();
         next.exchange(None, &mut state).expect("a state");
         assert_eq!(state.status, DriveStatus::Ready);

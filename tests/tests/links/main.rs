@@ -8,6 +8,7 @@ mod hostile_peers;
 mod lossy_link;
 mod mujoco_drive;
 mod no_std_tree;
+mod serial_drive;
 mod serial_link;
 mod tcp_link;
 mod wire_faults;

@@ -10,7 +10,7 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::Vector3;
 use spherecal::campaign::{Assignment, RunOptions, Silent, run};
 use spherecal::job::Config;
-use spherecal::link::tcp::{TcpDrive, check_limits};
+use spherecal::link::tcp::{RemoteDrive, check_limits};
 use spherecal::link::{Drive, LocalDevice, controller_in_process};
 use spherecal::model::chain::Chain;
 use spherecal::simulated::prepare;
@@ -58,7 +58,7 @@ fn long_mujoco_is_a_drive() {
     let config = Config::read(&examples.join("mujoco_cell.toml")).expect("the example's cell");
     let prepared = prepare(&config).expect("a plan");
     let plan = prepared.plan.clone();
-    let drive = TcpDrive::connect(address).expect("MuJoCo answers");
+    let drive = RemoteDrive::connect(address).expect("MuJoCo answers");
     check_limits(&drive.hello().limits, &prepared.robot).expect("an iiwa 7");
     let mut cell =
         LocalDevice::new(controller_in_process(7).expect("a controller"), Box::new(drive), 7).expect("a cell");

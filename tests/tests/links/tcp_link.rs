@@ -8,7 +8,7 @@ use std::thread;
 use std::time::Duration;
 
 use nalgebra::Vector3;
-use spherecal::link::tcp::{DriveServer, Remote, TcpDrive, Threaded, check_limits, controller_server, listen};
+use spherecal::link::tcp::{DriveServer, Remote, RemoteDrive, Threaded, check_limits, controller_server, listen};
 use spherecal::link::{Device, Drive, HostEndpoint, LinkError, LocalDevice, Timing, controller_in_process};
 use spherecal::plan::Plan;
 use spherecal::sim::plant::PlantConfig;
@@ -64,14 +64,14 @@ fn over_sockets_the_recordings_are_the_same_in_every_bit() {
     assert_eq!(here.len(), TURNS.len());
 
     let (address, served) = plant(false);
-    let (drive_only, drive_ticks) = campaign(&mut cell(Box::new(TcpDrive::connect(&address).expect("a drive"))));
+    let (drive_only, drive_ticks) = campaign(&mut cell(Box::new(RemoteDrive::connect(&address).expect("a drive"))));
     assert_eq!((&here, ticks), (&drive_only, drive_ticks));
     assert_eq!(served.join().expect("no panic"), ticks - 1, "one command a period");
 
     let (address, served) = plant(false);
     let (listener, host_link) = listen("0").expect("a free port");
     let controller = thread::spawn(move || {
-        let mut cell = cell(Box::new(TcpDrive::connect(&address).expect("a drive")));
+        let mut cell = cell(Box::new(RemoteDrive::connect(&address).expect("a drive")));
         controller_server::serve_hosts(&mut cell, &listener, true, &mut |_| ()).expect("served");
         cell.drive_counters()
     });
@@ -199,7 +199,7 @@ fn hello() -> DriveHello {
 
 /// What is said of a drive whose first bytes are these.
 fn said_of(bytes: Vec<u8>) -> String {
-    let connected = TcpDrive::connect(&peer(bytes)).map_err(LinkError::from);
+    let connected = RemoteDrive::connect(&peer(bytes)).map_err(LinkError::from);
     let result = connected.and_then(|drive| {
         check_limits(&drive.hello().limits, &iiwa7())?;
         LocalDevice::new(controller_in_process(7)?, Box::new(drive), 7)
@@ -261,7 +261,9 @@ fn a_drive_that_does_not_fit_is_refused_with_a_remedy() {
 fn nobody_there_is_said_so() {
     let (listener, address) = listen("0").expect("a free port");
     drop(listener);
-    let error = TcpDrive::connect(&address.to_string()).err().expect("nobody is there");
+    let error = RemoteDrive::connect(&address.to_string())
+        .err()
+        .expect("nobody is there");
     let said = error.to_string();
     assert!(
         said.contains("cannot be reached") && said.contains("start the program that listens there"),
@@ -296,7 +298,8 @@ fn a_drive_that_falls_silent_in_real_time_is_a_fault() {
         }
         let _ = stream.read_to_end(&mut Vec::new());
     });
-    let mut device = Threaded::start(Box::new(TcpDrive::connect(&address).expect("a drive")), 7).expect("a controller");
+    let mut device =
+        Threaded::start(Box::new(RemoteDrive::connect(&address).expect("a drive")), 7).expect("a controller");
     let mut endpoint = HostEndpoint::new(Timing::default());
     let mut procedure = Procedure::default();
     // A busy machine may stall for long; only silence may be a fault here.

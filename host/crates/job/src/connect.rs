@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use spherecal_link::qemu::{Qemu, QemuOptions};
-use spherecal_link::tcp::{Remote, TcpDrive, Threaded, check_limits};
+use spherecal_link::tcp::{Remote, RemoteDrive, Threaded, check_limits};
 use spherecal_link::{Attended, Controller, Device, Drive as _, LinkError, LocalDevice, Serial, controller_in_process};
 use spherecal_model::robots::RobotModel;
 use spherecal_shared::robot::Robot;
@@ -69,7 +69,7 @@ pub fn distant(model: &RobotModel, config: &Config, link: &Link) -> Result<Optio
         Link::Sim | Link::Qemu => Ok(None),
         Link::Serial(device) => attended(Serial::open(device)?),
         Link::Tcp(address) => {
-            let drive = TcpDrive::connect(address).map_err(LinkError::from)?;
+            let drive = RemoteDrive::connect(address).map_err(LinkError::from)?;
             check_limits(&drive.hello().limits, robot).map_err(LinkError::from)?;
             if !drive.hello().lock_step {
                 return attended(Threaded::start(Box::new(drive), joints)?);

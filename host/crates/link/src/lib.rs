@@ -15,7 +15,7 @@
 //! | `sim` | [`InProcess`] | the simulated arm of `spherecal-sim` |
 //! | `qemu` | [`Qemu`](qemu::Qemu) | the same |
 //! | `serial:` | a board ([`Serial`]) | its own |
-//! | `tcp:` | [`InProcess`] | [`TcpDrive`](tcp::TcpDrive) |
+//! | `tcp:` | [`InProcess`] | [`RemoteDrive`](tcp::RemoteDrive) |
 //! | `franka:` | [`InProcess`] | [`FrankaDrive`](native::FrankaDrive) |
 //! | `fri:` | [`InProcess`] | [`KukaDrive`](native::KukaDrive) |
 //! | `ur:` | [`InProcess`] | [`UrDrive`](native::UrDrive) |

@@ -3,7 +3,6 @@
 //! The board has its own clock and its own drive, so nothing waits for the host. Each
 //! [`step`](Device::step) is one millisecond of this computer's clock: the host's bytes go out and
 //! the board's bytes are read. The board states the times of its actions on its own clock.
-//! board does at what time it says itself, by its own clock.
 
 use std::io::ErrorKind;
 use std::time::{Duration, Instant};
@@ -34,20 +33,7 @@ impl Serial {
     /// # Errors
     /// The device does not exist or may not be opened, or the rate is not one that it supports.
     pub fn open(device: &str) -> Result<Self, LinkError> {
-        let name = format!("serial:{device}");
-        let (path, baud) = match device.rsplit_once('@') {
-            Some((path, rate)) => (path, rate.parse().ok().filter(|rate| *rate > 0)),
-            None => (device, Some(BAUD)),
-        };
-        let baud: u32 = baud.ok_or_else(|| LinkError::Baud { link: name.clone() })?;
-        match SerialPort::open(path, baud) {
-            Ok(port) => Self::over(port, &name),
-            Err(source) => Err(LinkError::Serial {
-                link: name,
-                source,
-                found: present(),
-            }),
-        }
+        Self::over(open_port(device, BAUD)?, &format!("serial:{device}"))
     }
 
     /// Refuses a rate that is none, and a device that is not there, without opening it: some boards restart
@@ -90,6 +76,23 @@ impl Serial {
             source,
         }
     }
+}
+
+/// Opens `DEVICE` or `DEVICE@BAUD`, 8N1, raw.
+pub(super) fn open_port(device: &str, baud: u32) -> Result<SerialPort, LinkError> {
+    let link = format!("serial:{device}");
+    let (path, baud) = match device.rsplit_once('@') {
+        Some((path, rate)) => (path, rate.parse().ok().filter(|rate| *rate > 0)),
+        None => (device, Some(baud)),
+    };
+    let Some(baud) = baud else {
+        return Err(LinkError::Baud { link });
+    };
+    SerialPort::open(path, baud).map_err(|source| LinkError::Serial {
+        link,
+        source,
+        found: present(),
+    })
 }
 
 /// Serial devices of this computer, for a message.

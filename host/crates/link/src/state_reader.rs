@@ -18,7 +18,7 @@ use spherecal_shared::Joints;
 use spherecal_shared::protocol::PROTOCOL_VERSION;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveState, TorqueSign};
 
-use crate::tcp::TcpDrive;
+use crate::tcp::RemoteDrive;
 use crate::{Drive, LinkError};
 
 pub use ur::UrReader;
@@ -180,7 +180,7 @@ impl DriveReader {
     /// # Errors
     /// No drive answers there, or it speaks another protocol.
     pub fn connect(address: &str) -> Result<Self, LinkError> {
-        Self::new(Box::new(TcpDrive::connect(address)?))
+        Self::new(Box::new(RemoteDrive::connect(address)?))
     }
 
     /// Reads a drive that is already there.

@@ -1,19 +1,26 @@
-//! The controller's end of the drive link: a drive behind a TCP connection.
+//! The controller's end of the drive link: a drive behind a TCP connection or a serial port.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
+use serial2::SerialPort;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, NO_SESSION};
 use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::robot::{JointLimits, Robot};
 use spherecal_shared::timing::PeriodWatch;
 
 use super::TcpError;
 use super::progress::Rate;
+use super::stream::Stream;
 use super::wire::{Parsed, Wire};
+use crate::serial::open_port;
 use crate::{Drive, LinkError};
 
 /// How long a drive may take to send its hello.
 const HELLO: Duration = Duration::from_secs(10);
+/// How often a drive at a serial port is asked for its hello.
+const ASK: Duration = Duration::from_millis(200);
+/// Rate of the boards' drive link, in bits per second.
+pub(super) const DRIVE_BAUD: u32 = 3_000_000;
 /// How long a lock-step drive may take for one period. A simulator that someone pauses by hand is
 /// given up after this time.
 const ANSWER: Duration = Duration::from_mins(1);
@@ -27,13 +34,13 @@ const EARLY: Duration = Duration::from_micros(250);
 /// Interval of that polling.
 const LOOK: Duration = Duration::from_micros(40);
 
-/// A drive behind a TCP connection.
+/// A drive behind a TCP connection or a serial port.
 ///
 /// In real time an [`exchange`](Drive::exchange) ends when a new state has arrived. The drive is
 /// the clock, so two clocks never drift against each other. If the state is half a period late, the
 /// exchange ends without it and the controller gets the last state again; the state's number shows
 /// the repeat. Ticks that this side missed are counted as on a board.
-pub struct TcpDrive {
+pub struct RemoteDrive {
     wire: Wire,
     hello: DriveHello,
     schedule: Option<RealTimeSchedule>,
@@ -48,7 +55,7 @@ pub struct TcpDrive {
 
 /// The clock of the controller of a real-time drive.
 struct RealTimeSchedule {
-    start: std::time::Instant,
+    start: Instant,
     period_us: u64,
     watch: PeriodWatch,
 }
@@ -57,7 +64,7 @@ impl RealTimeSchedule {
     fn new(period_us: u32) -> Self {
         let period_us = u64::from(period_us);
         Self {
-            start: std::time::Instant::now(),
+            start: Instant::now(),
             period_us,
             watch: PeriodWatch::new(period_us, 0),
         }
@@ -87,7 +94,7 @@ impl RealTimeSchedule {
     }
 }
 
-impl TcpDrive {
+impl RemoteDrive {
     /// Connects to `HOST:PORT` and receives the drive's hello.
     ///
     /// # Errors
@@ -98,6 +105,49 @@ impl TcpDrive {
             TcpError::Silent { peer, seconds, .. } => TcpError::NotADrive { peer, seconds },
             other => other,
         })?;
+        Self::greeted(wire, hello)
+    }
+
+    /// Opens the serial port `DEVICE` or `DEVICE@BAUD` (3,000,000 by default) and asks the drive there for its hello. The
+    /// drive runs in real time.
+    ///
+    /// # Errors
+    /// The port cannot be opened, or no hello comes.
+    pub fn open(device: &str) -> Result<Self, LinkError> {
+        let port = open_port(device, DRIVE_BAUD)?;
+        Ok(Self::at_port(port, &format!("serial:{device}"))?)
+    }
+
+    /// The same at an open port; `peer` appears in messages.
+    ///
+    /// # Errors
+    /// No hello comes, or the port fails.
+    pub fn at_port(port: SerialPort, peer: &str) -> Result<Self, TcpError> {
+        let mut wire = Wire::over(Stream::Serial(port), peer.to_owned());
+        wire.patience(Some(ASK))?;
+        let begun = Instant::now();
+        let question = DriveCommand {
+            session: NO_SESSION,
+            ..DriveCommand::default()
+        };
+        let mut asked: Option<Instant> = None;
+        // States of a drive that is asked already come between.
+        while begun.elapsed() < HELLO {
+            if asked.is_none_or(|asked| asked.elapsed() >= ASK) {
+                wire.send(&question, 0)?;
+                asked = Some(Instant::now());
+            }
+            if let Some(Parsed::Message(_, hello)) = wire.receive::<DriveHello>()? {
+                return Self::greeted(wire, hello);
+            }
+        }
+        Err(TcpError::NotADrive {
+            peer: peer.to_owned(),
+            seconds: HELLO.as_secs(),
+        })
+    }
+
+    fn greeted(mut wire: Wire, hello: DriveHello) -> Result<Self, TcpError> {
         let schedule = if hello.lock_step {
             wire.patience(Some(ANSWER))?;
             None
@@ -179,7 +229,7 @@ impl TcpDrive {
     }
 }
 
-impl Drive for TcpDrive {
+impl Drive for RemoteDrive {
     fn hello(&self) -> &DriveHello {
         &self.hello
     }

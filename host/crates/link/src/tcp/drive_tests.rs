@@ -63,7 +63,7 @@ fn a_repeated_hello_has_no_effect_and_another_session_ends_the_link() {
         state(2),
         framed(&hello(6)),
     ]);
-    let mut drive = TcpDrive::connect(&address).expect("a drive");
+    let mut drive = RemoteDrive::connect(&address).expect("a drive");
     let mut came = DriveState::default();
     for tick in 1..3 {
         drive.exchange(None, &mut came).expect("a state");
@@ -112,7 +112,7 @@ fn a_wrong_variant_is_told_with_its_field() {
         simulated: true,
     };
     let address = drive_that_sends(&[framed(&wrong)]);
-    let said = TcpDrive::connect(&address).err().expect("refused").to_string();
+    let said = RemoteDrive::connect(&address).err().expect("refused").to_string();
     assert!(said.contains("torque_sign does not decode"), "{said}");
 }
 

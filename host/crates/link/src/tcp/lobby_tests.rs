@@ -12,7 +12,7 @@ use spherecal_shared::protocol::host::{Command, Downlink};
 use super::*;
 use crate::tcp::conform::tests::Still;
 use crate::tcp::controller_server::{HostService, serve_hosts};
-use crate::tcp::{DriveServer, Remote, TcpDrive, listen};
+use crate::tcp::{DriveServer, Remote, RemoteDrive, listen};
 use crate::{Device as _, Drive as _, LocalDevice, controller_in_process};
 
 fn framed<M: Message>(message: &M) -> Vec<u8> {
@@ -63,7 +63,7 @@ fn silent_peers_keep_nobody_out() {
             }
         });
         let silent = crowd(address);
-        let mut drive = TcpDrive::connect(&address.to_string()).expect("the plant answers");
+        let mut drive = RemoteDrive::connect(&address.to_string()).expect("the plant answers");
         let (mut state, mut first) = (DriveState::default(), 0);
         for _ in 0..20 {
             let command = DriveCommand {

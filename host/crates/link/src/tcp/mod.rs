@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!   spherecal run ──[host link]──▶ controller_server ──[drive link]──▶ serve_drive (plant, simulator, gateway)
-//!        Remote                     TcpDrive ─ LocalDevice
+//!        Remote                     RemoteDrive ─ LocalDevice
 //! ```
 //!
 //! On each link the side nearer to the arm listens. The drive link carries the frames of
@@ -12,7 +12,7 @@
 //! - *lock-step*: one state, one command, in turn. Nobody reads a clock, and a run over TCP has the
 //!   same bits as a run in one process.
 //! - *real time*: a state every period, whether or not a command came. The controller then runs on
-//!   its own clock ([`TcpDrive`]), takes the newest state and counts late states, as it does on a
+//!   its own clock ([`RemoteDrive`]), takes the newest state and counts late states, as it does on a
 //!   board.
 //!
 //! The host link of a [`controller_server`] carries its frames and one *end mark* in each direction
@@ -33,12 +33,13 @@ mod progress;
 mod real_time_hosts;
 mod remote;
 mod server;
+mod stream;
 mod turns;
 mod wire;
 
 use std::net::{SocketAddr, TcpListener};
 
-pub use drive::{TcpDrive, check_limits};
+pub use drive::{RemoteDrive, check_limits};
 pub use error::TcpError;
 pub use remote::{Remote, Threaded};
 pub use server::{ConnectionCounts, DriveServer};

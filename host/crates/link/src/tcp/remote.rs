@@ -1,7 +1,6 @@
 //! The host's end of a controller that runs in another process.
 
 use std::io::{ErrorKind, Read, Write};
-use std::net::TcpStream;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -10,6 +9,7 @@ use spherecal_shared::protocol::host::Uplink;
 
 use super::controller_server::serve_own_host;
 use super::progress::{FrameWatch, NO_FRAME};
+use super::stream::Stream;
 use super::turns::Turns;
 use super::wire::Wire;
 use super::{TcpError, listen};
@@ -34,7 +34,7 @@ pub struct Remote {
     address: Option<String>,
     /// Whether a period has come over this connection.
     heard: bool,
-    stream: TcpStream,
+    stream: Stream,
     peer: String,
     hello: DriveHello,
     turns: Turns,

@@ -3,13 +3,17 @@
 use std::net::TcpListener;
 use std::time::{Duration, Instant};
 
+use serial2::SerialPort;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, NO_SESSION};
 use spherecal_shared::protocol::frame::{self, LinkCounters, MAX_FRAME};
 
 use super::TcpError;
+use super::drive::DRIVE_BAUD;
 use super::lobby::{Candidate, Lobby, Look};
 use super::progress::Rate;
+use super::stream::Stream;
 use super::wire::Wire;
+use crate::serial::open_port;
 use crate::{Drive, LinkError};
 
 /// Periods without a command after which a real-time drive closes its brakes. Until then the last
@@ -94,7 +98,7 @@ impl DriveServer {
         let mut wire = Wire::resume(candidate, WHO)?;
         wire.has_sent(GREETING);
         let result = if self.real_time {
-            self.in_real_time(&mut wire, listener, &hello, &mut state, &mut service)
+            self.in_real_time(&mut wire, Some(listener), &hello, &mut state, &mut service)
         } else {
             self.in_lock_step(&mut wire, listener, &hello, &mut state, &mut service)
         };
@@ -104,6 +108,30 @@ impl DriveServer {
         } else {
             self.lobby.dismiss();
         }
+        counted(result, &wire, service)
+    }
+
+    /// Serves the controller at the serial port `DEVICE` or `DEVICE@BAUD` (3,000,000 by default) in real time, until the
+    /// port fails. A board that asks for the handshake gets it; while no command comes, the brakes are closed.
+    ///
+    /// # Errors
+    /// The port cannot be opened or fails, the drive fails, or bytes come that are not commands.
+    pub fn serve_serial(&mut self, device: &str) -> Result<ConnectionCounts, LinkError> {
+        let port = open_port(device, DRIVE_BAUD)?;
+        self.serve_port(port, &format!("{WHO} at serial:{device}"))
+    }
+
+    /// The same at an open port; `peer` appears in messages.
+    ///
+    /// # Errors
+    /// As [`serve_serial`](Self::serve_serial).
+    pub fn serve_port(&mut self, port: SerialPort, peer: &str) -> Result<ConnectionCounts, LinkError> {
+        let mut hello = self.drive.hello().clone();
+        hello.lock_step = false;
+        let (mut state, mut service) = (DriveState::default(), ConnectionCounts::default());
+        self.drive.exchange(None, &mut state)?;
+        let mut wire = Wire::over(Stream::Serial(port), peer.to_owned());
+        let result = self.in_real_time(&mut wire, None, &hello, &mut state, &mut service);
         counted(result, &wire, service)
     }
 
@@ -210,10 +238,11 @@ impl DriveServer {
         }
     }
 
+    /// Without a `listener` nobody else waits, and a silent controller keeps its place.
     fn in_real_time(
         &mut self,
         wire: &mut Wire,
-        listener: &TcpListener,
+        listener: Option<&TcpListener>,
         hello: &DriveHello,
         state: &mut DriveState,
         service: &mut ConnectionCounts,
@@ -249,10 +278,10 @@ impl DriveServer {
             if last.is_some() {
                 // Whoever waits was greeted with a state that is old now.
                 self.lobby.dismiss();
-            } else {
+            } else if let Some(listener) = listener {
                 self.give_way(&wire.peer, listener, hello, state, start)?;
             }
-            if heard.elapsed() >= SILENT && !wire.is_noisy() {
+            if listener.is_some() && heard.elapsed() >= SILENT && !wire.is_noisy() {
                 return Err(TcpError::Gone {
                     peer: wire.peer.clone(),
                     what: "the drive keeps its brakes closed and waits for another controller",

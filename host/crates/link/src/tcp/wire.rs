@@ -1,4 +1,4 @@
-//! A TCP connection as a stream of frames.
+//! A TCP connection or a serial port as a stream of frames.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
@@ -15,6 +15,7 @@ use spherecal_shared::{Joints, MAX_JOINTS};
 use super::TcpError;
 use super::lobby::Candidate;
 use super::progress::FrameGap;
+use super::stream::Stream;
 
 /// How long it may take to connect.
 const CONNECT: Duration = Duration::from_secs(5);
@@ -37,7 +38,7 @@ pub(super) enum Parsed<T> {
 
 /// One end of a connection.
 pub(super) struct Wire {
-    stream: TcpStream,
+    stream: Stream,
     pub(super) peer: String,
     accumulator: Accumulator,
     watch: SequenceWatch,
@@ -79,7 +80,12 @@ impl Wire {
     pub(super) fn new(stream: TcpStream, peer: String) -> Result<Self, TcpError> {
         // Small messages must not wait for later ones.
         stream.set_nodelay(true).map_err(|e| TcpError::of(&peer, e))?;
-        Ok(Self {
+        Ok(Self::over(Stream::Tcp(stream), peer))
+    }
+
+    /// Speaks over an open stream.
+    pub(super) fn over(stream: Stream, peer: String) -> Self {
+        Self {
             stream,
             peer,
             accumulator: Accumulator::new(),
@@ -95,7 +101,7 @@ impl Wire {
             waits: true,
             rest: Vec::new(),
             stuck: None,
-        })
+        }
     }
 
     /// Takes over a connection of which some bytes were read already.
@@ -119,18 +125,14 @@ impl Wire {
     pub(super) fn patience(&mut self, patience: Option<Duration>) -> Result<(), TcpError> {
         (self.patience, self.limit, self.waits) = (patience, patience, true);
         self.stream
-            .set_nonblocking(false)
-            .and_then(|()| self.stream.set_read_timeout(patience))
-            .and_then(|()| self.stream.set_write_timeout(Some(READ)))
+            .wait(patience, READ)
             .map_err(|e| TcpError::of(&self.peer, e))
     }
 
     /// Neither reads nor writes wait.
     pub(super) fn never_wait(&mut self) -> Result<(), TcpError> {
         self.waits = false;
-        self.stream
-            .set_nonblocking(true)
-            .map_err(|e| TcpError::of(&self.peer, e))
+        self.stream.never_wait().map_err(|e| TcpError::of(&self.peer, e))
     }
 
     /// Whether bytes that were received wait to be looked at.
@@ -276,7 +278,7 @@ impl Wire {
         };
         if limit != self.limit {
             self.stream
-                .set_read_timeout(limit)
+                .wait_for_reads(limit)
                 .map_err(|e| TcpError::of(&self.peer, e))?;
             self.limit = limit;
         }
@@ -319,10 +321,8 @@ impl Wire {
         })
     }
 
-    /// Returns the connection, for a caller that speaks plain bytes from here on, and the bytes
-    /// that were already read.
-    ///
-    pub(super) fn into_stream(self) -> (TcpStream, Vec<u8>) {
+    /// Returns the stream, for a caller that speaks plain bytes from here on, and the bytes that were already read.
+    pub(super) fn into_stream(self) -> (Stream, Vec<u8>) {
         let rest = self.buffer.get(self.at..self.filled).unwrap_or_default().to_vec();
         (self.stream, rest)
     }

@@ -1,6 +1,6 @@
 //! The example `drive`: the controller moves it over TCP.
 
-use spherecal_link::tcp::{DriveServer, TcpDrive, check_limits, listen};
+use spherecal_link::tcp::{DriveServer, RemoteDrive, check_limits, listen};
 use spherecal_link::{Arrival, Device as _, Drive as _, HostEndpoint, LocalDevice, Timing, controller_in_process};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveState};
@@ -46,7 +46,7 @@ fn the_controller_moves_the_example() {
         let mut server = DriveServer::new(Box::new(drive::Arm::new()), false);
         server.serve(&listener).expect("served")
     });
-    let tcp = TcpDrive::connect(&address.to_string()).expect("the drive answers");
+    let tcp = RemoteDrive::connect(&address.to_string()).expect("the drive answers");
     let robot = point_arm();
     check_limits(&tcp.hello().limits, &robot).expect("the limits of the robot");
     let controller = controller_in_process(7).expect("a controller");

@@ -1,0 +1,77 @@
+//! What frames travel on: a TCP connection, or a serial port.
+
+use std::io::{Read, Result, Write};
+use std::net::TcpStream;
+use std::time::Duration;
+
+use serial2::SerialPort;
+
+/// The longest time that a serial port waits: it cannot wait for ever.
+const FOR_EVER: Duration = Duration::from_hours(24);
+
+/// A stream of bytes both ways.
+pub(super) enum Stream {
+    Tcp(TcpStream),
+    Serial(SerialPort),
+}
+
+impl Stream {
+    /// Reads and writes wait at most this long; `None` waits for ever.
+    pub(super) fn wait(&mut self, read: Option<Duration>, write: Duration) -> Result<()> {
+        match self {
+            Self::Tcp(stream) => {
+                stream.set_nonblocking(false)?;
+                stream.set_read_timeout(read)?;
+                stream.set_write_timeout(Some(write))
+            }
+            Self::Serial(port) => {
+                port.set_read_timeout(read.unwrap_or(FOR_EVER))?;
+                port.set_write_timeout(write)
+            }
+        }
+    }
+
+    /// Neither reads nor writes wait.
+    pub(super) fn never_wait(&mut self) -> Result<()> {
+        match self {
+            Self::Tcp(stream) => stream.set_nonblocking(true),
+            Self::Serial(port) => {
+                port.set_read_timeout(Duration::ZERO)?;
+                port.set_write_timeout(Duration::ZERO)
+            }
+        }
+    }
+
+    /// The next reads wait at most this long.
+    pub(super) fn wait_for_reads(&mut self, read: Option<Duration>) -> Result<()> {
+        match self {
+            Self::Tcp(stream) => stream.set_read_timeout(read),
+            Self::Serial(port) => port.set_read_timeout(read.unwrap_or(FOR_EVER)),
+        }
+    }
+}
+
+impl Read for Stream {
+    fn read(&mut self, buffer: &mut [u8]) -> Result<usize> {
+        match self {
+            Self::Tcp(stream) => stream.read(buffer),
+            Self::Serial(port) => port.read(buffer),
+        }
+    }
+}
+
+impl Write for Stream {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize> {
+        match self {
+            Self::Tcp(stream) => stream.write(bytes),
+            Self::Serial(port) => port.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        match self {
+            Self::Tcp(stream) => stream.flush(),
+            Self::Serial(port) => port.flush(),
+        }
+    }
+}
