@@ -86,19 +86,16 @@ pub(super) fn plant(args: &PlantArgs) -> Result<Exit, CliError> {
     }
     let drive = simulated::drive(&args.configuration()?)?;
     let mut server = DriveServer::new(drive, args.real_time || args.serial.is_some());
-    let door = match &args.serial {
-        Some(device) => {
-            Serial::check(device)?;
-            announce(&format!("drive link, in real time, on serial:{device}"));
-            Door::Serial(device)
-        }
-        None => {
-            let (listener, address) = listen(args.listen.as_deref().unwrap_or("7401")).map_err(LinkError::from)?;
-            warn_if_open("plant", address);
-            let way = if args.real_time { "in real time" } else { "in lock-step" };
-            announce(&format!("drive link, {way}, on tcp:{address}"));
-            Door::Tcp(listener)
-        }
+    let door = if let Some(device) = &args.serial {
+        Serial::check(device)?;
+        announce(&format!("drive link, in real time, on serial:{device}"));
+        Door::Serial(device)
+    } else {
+        let (listener, address) = listen(args.listen.as_deref().unwrap_or("7401")).map_err(LinkError::from)?;
+        warn_if_open("plant", address);
+        let way = if args.real_time { "in real time" } else { "in lock-step" };
+        announce(&format!("drive link, {way}, on tcp:{address}"));
+        Door::Tcp(listener)
     };
     loop {
         let served = match &door {

@@ -303,18 +303,8 @@ impl<'a> Design<'a> {
             Matrix3::from_fn(|i, j| product[(i, j)])
         };
         let wide = &self.sigma * &wx;
-        let left: Vec<[f64; 6]> = (0..n)
-            .map(|i| {
-                [
-                    x[(i, 0)],
-                    x[(i, 1)],
-                    x[(i, 2)],
-                    wide[(i, 0)],
-                    wide[(i, 1)],
-                    wide[(i, 2)],
-                ]
-            })
-            .collect();
+        let row = |i: usize| std::array::from_fn(|k| if k < 3 { x[(i, k)] } else { wide[(i, k - 3)] });
+        let left: Vec<[f64; 6]> = (0..n).map(row).collect();
         let own = self.s.par_iter_mut().zip(self.t.par_iter_mut());
         let rows = self.problem.rows.as_slice().par_chunks((3 * n).max(1));
         let own = own.zip(rows).zip(&self.kept).with_min_len(64);
