@@ -5,16 +5,16 @@ use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
 
 use spherecal::campaign::{Assignment, CampaignError, RunOptions, Silent, run};
-use spherecal::link::{Device, LinkError, LocalDevice, controller_in_process};
+use spherecal::link::{Device, Drive, LinkError, LocalDevice, controller_in_process};
 use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::simulated_arm;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::drive::DriveState;
+use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 use spherecal_shared::protocol::frame::{self, Accumulator};
 use spherecal_shared::protocol::host::{Banner, Event, Uplink};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 use spherecal_tests::bench::framed;
-use spherecal_tests::plan::{Memory, short_plan};
+use spherecal_tests::plan::{Memory, carry_out, cell, plant, short_plan};
 
 /// A controller that says something else than it is.
 struct Forged {
@@ -130,4 +130,52 @@ fn a_controller_that_is_not_understood_is_said_to_be_of_another_schema() {
     let (error, text) = refused(|_| framed(&DriveState::default(), 0));
     assert!(matches!(error, CampaignError::Schema { .. }), "{text}");
     assert!(text.contains("scripts/cross.sh build"), "{text}");
+}
+
+/// A drive whose controller misses ten periods before one exchange.
+struct HeldUp {
+    drive: Box<dyn Drive>,
+    exchanges: u32,
+    at: u32,
+}
+
+impl Drive for HeldUp {
+    fn hello(&self) -> &DriveHello {
+        self.drive.hello()
+    }
+
+    fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
+        self.exchanges += 1;
+        // The drive goes on meanwhile.
+        for _ in 0..self.missed() {
+            self.drive.exchange(command, state)?;
+        }
+        self.drive.exchange(command, state)
+    }
+
+    fn missed(&self) -> u32 {
+        if self.exchanges == self.at { 10 } else { 0 }
+    }
+}
+
+// Fails if a fault at any instant of the handshake, before or between its steps, ends the session.
+#[test]
+fn a_fault_during_the_handshake_is_cleared() {
+    let typical = PlantConfig::typical();
+    let short = short_plan(&typical, &[1], &[0.0]);
+    let all = short
+        .spheres
+        .iter()
+        .flat_map(|visit| visit.poses.iter().map(|pose| (visit.sphere_id, pose.id)));
+    let done: BTreeSet<(u32, u32)> = all.collect();
+    // The controller is configured after about 750 periods.
+    for at in 1..1200 {
+        let drive = HeldUp {
+            drive: plant(&typical, &short),
+            exchanges: 0,
+            at,
+        };
+        let (_, _, result) = carry_out(&mut cell(Box::new(drive)), &short, &done);
+        assert!(result.is_ok(), "held up at {at}: {result:?}");
+    }
 }

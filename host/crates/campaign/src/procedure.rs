@@ -117,10 +117,26 @@ impl<'a> Campaign<'a> {
         }
     }
 
+    /// Sends robot and procedure; a fault that comes meanwhile is cleared, and both are sent again.
     pub(super) fn configure(&self, session: &mut Session<'_>) -> Result<(), CampaignError> {
         session.sense = Some(ForceSense::new(self.assignment.robot, self.assignment.tool));
-        session.order("take the robot", Command::Robot(self.assignment.robot.driven()?))?;
-        session.order("take the procedure", self.configuration())
+        let attempts = self.assignment.options.attempts.max(1);
+        for attempt in 1.. {
+            let robot = Command::Robot(self.assignment.robot.driven()?);
+            let report = match session.carry_out("take the robot", robot)? {
+                None => session.carry_out("take the procedure", self.configuration())?,
+                fault => fault,
+            };
+            let Some(report) = report else {
+                break;
+            };
+            if attempt >= attempts {
+                let what = "take robot and procedure".to_owned();
+                return Err(CampaignError::Motion { what, attempts, report });
+            }
+            session.clear_fault()?;
+        }
+        Ok(())
     }
 
     /// Brings a controller that an earlier host left in the middle of a step to rest in free space.
