@@ -7,7 +7,7 @@
 use nalgebra::{Matrix3, Vector3};
 use spherecal_shared::scalar::sqrt;
 
-use crate::law::{JointSetpoint, rotation_error};
+use crate::law::{JointSetpoint, rotation_about, rotation_error};
 
 /// A motion from rest to rest along a quintic `s(t)` from 0 to 1: position, speed
 /// and acceleration are continuous.
@@ -179,14 +179,6 @@ impl TurnMove {
             elbow_rate: self.elbow_change * ds,
         }
     }
-}
-
-/// Rotation by `angle` (rad) about a unit axis (Rodrigues).
-#[inline]
-pub(crate) fn rotation_about(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
-    let (s, c) = libm::sincos(angle);
-    let k = axis.cross_matrix();
-    Matrix3::identity() + k * s + k * k * (1.0 - c)
 }
 
 /// Rotation matrix of a unit quaternion w, x, y, z.

@@ -17,9 +17,9 @@ pub use contact::{Approach, Couple, Decouple, Record, Seating, Turn};
 pub use limits::Limits;
 
 /// Largest translational stiffness that the control law accepts, in N/m (KUKA's range).
-const MAX_STIFFNESS_N_M: f64 = 5000.0;
+pub const MAX_STIFFNESS_N_M: f64 = 5000.0;
 /// Largest rotational stiffness that the control law accepts, in N m/rad (KUKA's range).
-const MAX_STIFFNESS_NM_RAD: f64 = 300.0;
+pub const MAX_STIFFNESS_NM_RAD: f64 = 300.0;
 
 /// The whole procedure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]

@@ -1,7 +1,6 @@
 //! State that the Cartesian phases share.
 
 use nalgebra::{Matrix3, SVector, Vector3, Vector6};
-use spherecal_shared::robot::elbow::elbow;
 
 use super::Env;
 use crate::contact::SeatingWatch;
@@ -55,14 +54,7 @@ impl<const N: usize> CartesianState<N> {
         self.setpoint = CartesianSetpoint::at(snapshot.tcp.position, snapshot.tcp.rotation);
         self.setpoint.feed_forward = self.compensation(Vector3::zeros());
         self.impedance = Impedance::new(stiffness);
-        self.null_space = match elbow(&snapshot.frames) {
-            Some(now) => NullSpace::Elbow {
-                angle: now.angle,
-                rate: 0.0,
-            },
-            None if N > 6 => NullSpace::Posture(snapshot.q),
-            None => NullSpace::Free,
-        };
+        self.null_space = NullSpace::at(snapshot);
     }
 
     /// Sets the setpoint to where the arm is, with the orientation `rotation`.
@@ -104,8 +96,9 @@ impl<const N: usize> CartesianState<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::rotation_about;
+    use crate::law::rotation_about;
     use crate::phases::scene::Scene;
+    use spherecal_shared::robot::elbow::elbow;
     use spherecal_shared::robot::{Arm, built_in, iiwa7_tool};
 
     // Fails if an error that is beyond an angle counts as surely within it, or if the cheap bound is

@@ -199,8 +199,8 @@ mod tests {
     use spherecal_shared::robot::{Arm, iiwa7, iiwa7_tool};
 
     use super::*;
+    use crate::law::rotation_about;
     use crate::law::{Actuation, Snapshot};
-    use crate::motion::rotation_about;
     use crate::phases::scene::Scene;
     use crate::testing::HOME;
 

@@ -7,11 +7,11 @@ use nalgebra::{SVector, Vector3, Vector6};
 use spherecal_shared::robot::{Arm, JointLimits, built_in, iiwa7_tool};
 
 use super::row;
+use crate::law::rotation_about;
 use crate::law::{
     Actuation, CartesianSetpoint, Giving, Impedance, JointSetpoint, NullSpace, Observer, Snapshot, Stiffness,
     TorqueLoop, TorqueShaper, guide_torque, joint_spring, poles,
 };
-use crate::motion::rotation_about;
 use crate::safety::Instability;
 use crate::testing::{Digest, NO_LIMITS, random};
 

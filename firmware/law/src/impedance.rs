@@ -59,6 +59,15 @@ pub fn rotation_error(desired: &Matrix3<f64>, actual: &Matrix3<f64>) -> Vector3<
     skew * factor
 }
 
+/// Rotation by `angle` (rad) about a unit axis (Rodrigues): the exponential that
+/// belongs to [`rotation_error`].
+#[inline]
+pub fn rotation_about(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
+    let (s, c) = libm::sincos(angle);
+    let k = axis.cross_matrix();
+    Matrix3::identity() + k * s + k * k * (1.0 - c)
+}
+
 /// The Cartesian impedance: the present stiffness, its ramp and the damping.
 #[derive(Clone, Debug)]
 pub struct Impedance {
@@ -84,7 +93,7 @@ impl Impedance {
     }
 
     /// Starts a ramp to `stiffness` over `ramp_s` seconds, in ticks of `period_s`.
-    pub(crate) fn ramp_to(&mut self, stiffness: Stiffness, ramp_s: f64, period_s: f64) {
+    pub fn ramp_to(&mut self, stiffness: Stiffness, ramp_s: f64, period_s: f64) {
         self.from = self.stiffness;
         self.to = stiffness;
         self.share = 0.0;
@@ -92,7 +101,7 @@ impl Impedance {
     }
 
     /// Whether the stiffness ramp is over.
-    pub(crate) fn settled(&self) -> bool {
+    pub fn settled(&self) -> bool {
         self.share >= 1.0
     }
 
@@ -205,7 +214,7 @@ mod tests {
                 [0.7, 0.1, -0.7, 0.2, 0.3, -0.2, 0.5],
             ),
         ] {
-            let drive = crate::law::Actuation::new(motors, 1e-3, 0.0);
+            let drive = crate::Actuation::new(motors, 1e-3, 0.0);
             let snapshot = Snapshot::on(&drive, &arm, &HOME, &dq).expect("a mass matrix");
             let mut setpoint = CartesianSetpoint::at(snapshot.tcp.position, snapshot.tcp.rotation);
             setpoint.velocity = snapshot.velocity;

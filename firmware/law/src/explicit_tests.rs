@@ -10,9 +10,8 @@ use spherecal_shared::robot::{Arm, Dynamics, JointLimits, built_in, iiwa7_tool};
 use super::damping::Damping;
 use super::{
     Actuation, CartesianSetpoint, Giving, Impedance, JointSetpoint, NullSpace, Snapshot, Stiffness, guide_torque,
-    rotation_error,
+    rotation_about, rotation_error,
 };
-use crate::motion::rotation_about;
 use crate::testing::{HOME, NO_LIMITS, random};
 
 /// The built-in arm in some posture and motion, with what the tests compute themselves.

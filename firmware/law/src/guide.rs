@@ -39,7 +39,7 @@ const WALL_SHARE: f64 = 0.4;
 /// Torque of hand-guiding without gravity and Coriolis torque, in N m. Moves the
 /// rest position `hold` along. Every joint keeps `margin_rad` from its limits.
 #[inline]
-pub(crate) fn guide_torque<const N: usize>(
+pub fn guide_torque<const N: usize>(
     snapshot: &Snapshot<N>,
     hold: &mut JointSetpoint<N>,
     limits: &[JointLimits; N],

@@ -18,7 +18,7 @@ use spherecal_shared::scalar::bounded;
 
 /// Proportional torque feedback of `N` joints with a low-pass.
 #[derive(Clone, Debug)]
-pub(crate) struct TorqueLoop<const N: usize> {
+pub struct TorqueLoop<const N: usize> {
     correction: [f64; N],
     reference: Option<[f64; N]>,
     speeds: Option<[f64; N]>,
@@ -36,7 +36,7 @@ impl<const N: usize> Default for TorqueLoop<N> {
 
 impl<const N: usize> TorqueLoop<N> {
     /// Sets the state to zero.
-    pub(crate) fn reset(&mut self) {
+    pub fn reset(&mut self) {
         *self = Self::default();
     }
 
@@ -44,13 +44,7 @@ impl<const N: usize> TorqueLoop<N> {
     /// (N m), and what accelerated the `motors` (kg m²) since the last call. `speeds` are those of
     /// the joints, in rad/s.
     #[inline]
-    pub(crate) fn exerted(
-        &mut self,
-        measured: &[f64; N],
-        speeds: &[f64; N],
-        motors: &[f64; N],
-        period_s: f64,
-    ) -> [f64; N] {
+    pub fn exerted(&mut self, measured: &[f64; N], speeds: &[f64; N], motors: &[f64; N], period_s: f64) -> [f64; N] {
         let last = self.speeds.replace(*speeds).unwrap_or(*speeds);
         core::array::from_fn(|i| measured[i] + motors[i] * (speeds[i] - last[i]) / period_s)
     }
@@ -59,7 +53,7 @@ impl<const N: usize> TorqueLoop<N> {
     /// came of the last one; `poles`, one of each
     /// joint, are in 1/s, `bound` is in N m.
     #[inline]
-    pub(crate) fn correction(
+    pub fn correction(
         &mut self,
         measured: &[f64; N],
         gain: f64,
@@ -80,7 +74,7 @@ impl<const N: usize> TorqueLoop<N> {
 
     /// Stores the torque (N m) that was sent, with its correction.
     #[inline]
-    pub(crate) fn sent(&mut self, torque: &[f64; N]) {
+    pub fn sent(&mut self, torque: &[f64; N]) {
         let mut reference = *torque;
         for i in 0..N {
             reference[i] -= self.correction[i];
@@ -99,7 +93,7 @@ const LOOP_DAMPING: f64 = 20.0;
 /// pole `p`. There the lag of the filter is a quarter turn, and the loop of gain `g`
 /// drives the motor with `g p R` of negative damping. So `g p R` is kept below a bound.
 #[inline]
-pub(crate) fn poles<const N: usize>(motors: &[f64; N], gain: f64, corner: f64) -> [f64; N] {
+pub fn poles<const N: usize>(motors: &[f64; N], gain: f64, corner: f64) -> [f64; N] {
     core::array::from_fn(|i| corner / (1.0 + corner * gain * motors[i] / LOOP_DAMPING))
 }
 

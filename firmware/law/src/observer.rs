@@ -81,7 +81,7 @@ impl<const N: usize> Observer<N> {
     /// Takes `torque` (N m) out of the residual, without delay: it is no contact. The law has to compensate what is
     /// [`known`](Self::known). Each joint's part keeps within `most` of its limits.
     #[inline]
-    pub(crate) fn explain(&mut self, torque: &SVector<f64, N>, limits: &[JointLimits; N], pole: f64) {
+    pub fn explain(&mut self, torque: &SVector<f64, N>, limits: &[JointLimits; N], pole: f64) {
         for i in 0..N {
             let known = bounded(self.known[i] + torque[i], most(&limits[i])).unwrap_or(0.0);
             let moved = known - self.known[i];
@@ -92,17 +92,17 @@ impl<const N: usize> Observer<N> {
     }
 
     /// The part of the external joint torque that is known to be no contact, in N m.
-    pub(crate) fn known(&self) -> &SVector<f64, N> {
+    pub fn known(&self) -> &SVector<f64, N> {
         &self.known
     }
 
     /// Keeps what is known, for [`forget_turn`](Self::forget_turn): a turn begins.
-    pub(crate) fn keep(&mut self) {
+    pub fn keep(&mut self) {
         self.kept = self.known;
     }
 
     /// Forgets what a turn has made known since it began: it may have met something.
-    pub(crate) fn forget_turn(&mut self, limits: &[JointLimits; N], pole: f64) {
+    pub fn forget_turn(&mut self, limits: &[JointLimits; N], pole: f64) {
         let change = self.kept - self.known;
         self.explain(&change, limits, pole);
     }

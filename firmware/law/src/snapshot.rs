@@ -83,7 +83,7 @@ impl<const N: usize> Actuation<N> {
 
     /// Whether springs that are safe on this drive hold the last joint of `arm` against friction: it moves the
     /// least inertia.
-    pub(crate) fn holds(&self, arm: &Arm<f64, N>) -> bool {
+    pub fn holds(&self, arm: &Arm<f64, N>) -> bool {
         let inertia = arm.last_inertia() + self.motors.last().copied().unwrap_or(0.0);
         self.joint_rad_s * self.joint_rad_s * inertia >= Self::SOFTEST_NM_RAD
     }
@@ -94,7 +94,7 @@ impl<const N: usize> Actuation<N> {
     /// spring turns a wrist that hides its motor (3 g m²) with 270 rad/s, and a delay of 6 ms made
     /// that joint run away faster than any guard can see it. The orientation need not be exact there, so
     /// the springs are slow enough for a late drive.
-    pub(crate) fn in_approach(self, period_s: f64) -> Self {
+    pub fn in_approach(self, period_s: f64) -> Self {
         Self {
             fastest_rad_s: self
                 .fastest_rad_s
@@ -239,7 +239,7 @@ impl<const N: usize> Snapshot<N> {
 
     /// How many times softer than `stiffness` (N m/rad) a rotational spring about the tool's axis is, because
     /// the drive allows no faster motion; at least 1. About that axis the arm has the least inertia.
-    pub(crate) fn softened(&self, stiffness: f64) -> f64 {
+    pub fn softened(&self, stiffness: f64) -> f64 {
         let axis = self.tcp.z();
         let mut mobility = 0.0;
         for k in 0..N {
@@ -252,7 +252,7 @@ impl<const N: usize> Snapshot<N> {
     /// The task-space force that accelerates the TCP like the whitened joint torque
     /// `y = L⁻¹ tau`: `(J M⁻¹ Jᵀ)⁻¹ J M⁻¹ tau`.
     #[inline]
-    pub(crate) fn task_force(&self, whitened_torque: &SVector<f64, N>) -> Vector6<f64> {
+    pub fn task_force(&self, whitened_torque: &SVector<f64, N>) -> Vector6<f64> {
         let mut acceleration = Vector6::zeros();
         for axis in 0..6 {
             let mut sum = 0.0;
@@ -271,7 +271,7 @@ impl<const N: usize> Snapshot<N> {
     /// a whole wrench, and friction of 1 N m looks like 100 N. They determine a
     /// force alone wherever the arm is not stretched.
     #[inline]
-    pub(crate) fn point_force(&self, external: &SVector<f64, N>) -> Vector3<f64> {
+    pub fn point_force(&self, external: &SVector<f64, N>) -> Vector3<f64> {
         let mut normal = Matrix3::zeros();
         let mut force = Vector3::zeros();
         for i in 0..3 {
@@ -291,7 +291,7 @@ impl<const N: usize> Snapshot<N> {
 
     /// What no force at the TCP explains of an external joint torque (N m), in N m.
     #[inline]
-    pub(crate) fn unexplained(&self, external: &SVector<f64, N>) -> SVector<f64, N> {
+    pub fn unexplained(&self, external: &SVector<f64, N>) -> SVector<f64, N> {
         let force = self.point_force(external);
         SVector::from_fn(|k, _| {
             let by_force = (0..3).map(|i| self.jacobian[(i, k)] * force[i]).sum::<f64>();
@@ -303,7 +303,7 @@ impl<const N: usize> Snapshot<N> {
     /// and the present joint speeds: with the mobility `B = J M⁻¹ Jᵀ` it is
     /// `−B_tt⁻¹ (B_tr m + J̇ q̇)`. It is bounded, because near singularities it need not be.
     #[inline]
-    pub(crate) fn reaction(&self, moment: &Vector3<f64>) -> Vector3<f64> {
+    pub fn reaction(&self, moment: &Vector3<f64>) -> Vector3<f64> {
         let lower = self.mobility.lower();
         let drift = self.drift();
         // B_tt = L L' and B_tr = L R' of the factor's blocks; so L' f = −(R' m + L⁻¹ J̇ q̇).
@@ -348,7 +348,7 @@ impl<const N: usize> Snapshot<N> {
 
     /// Speed of the computed TCP, in m/s.
     #[inline]
-    pub(crate) fn tcp_speed(&self) -> f64 {
+    pub fn tcp_speed(&self) -> f64 {
         let v = &self.velocity;
         sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     }

@@ -41,6 +41,18 @@ fn difference(a: f64, b: f64) -> f64 {
 }
 
 impl<const N: usize> NullSpace<N> {
+    /// Where the arm is: its elbow angle, or its posture where that is not defined.
+    pub fn at(snapshot: &Snapshot<N>) -> Self {
+        match elbow(&snapshot.frames) {
+            Some(now) => Self::Elbow {
+                angle: now.angle,
+                rate: 0.0,
+            },
+            None if N > 6 => Self::Posture(snapshot.q),
+            None => Self::Free,
+        }
+    }
+
     /// Torque of the null-space spring-damper, in N m. `stiffness` is in N m/rad,
     /// `ratio` is Lehr's damping ratio. An elbow turns the joint nearest to its limit of `limits` away
     /// from it.
@@ -69,7 +81,7 @@ impl<const N: usize> NullSpace<N> {
     }
 
     /// Error of the elbow angle, in rad; 0 without an elbow angle.
-    pub(crate) fn elbow_error(&self, snapshot: &Snapshot<N>) -> f64 {
+    pub fn elbow_error(&self, snapshot: &Snapshot<N>) -> f64 {
         match (self, elbow(&snapshot.frames)) {
             (Self::Elbow { angle, .. }, Some(now)) => difference(*angle, now.angle),
             _ => 0.0,
@@ -179,7 +191,7 @@ fn nearest_to_its_limit<const N: usize>(snapshot: &Snapshot<N>, limits: &[JointL
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::law::Actuation;
+    use crate::Actuation;
     use crate::testing::NO_LIMITS;
     use proptest::prelude::*;
     use spherecal_shared::robot::{Arm, Dynamics, built_in, iiwa7_tool};

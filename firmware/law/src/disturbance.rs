@@ -34,7 +34,7 @@ pub(crate) fn most(limits: &JointLimits) -> f64 {
 
 /// What of a torque (N m) that the sensors show is no error of theirs, in N m.
 #[inline]
-pub(crate) fn beyond_sensors<const N: usize>(torque: &SVector<f64, N>, limits: &[JointLimits; N]) -> SVector<f64, N> {
+pub fn beyond_sensors<const N: usize>(torque: &SVector<f64, N>, limits: &[JointLimits; N]) -> SVector<f64, N> {
     SVector::from_fn(|i, _| {
         let error = limits[i].sensor_error_nm();
         torque[i] - torque[i].max(-error).min(error)
@@ -43,7 +43,7 @@ pub(crate) fn beyond_sensors<const N: usize>(torque: &SVector<f64, N>, limits: &
 
 /// The disturbance estimate of `N` joints.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Disturbance<const N: usize> {
+pub struct Disturbance<const N: usize> {
     /// The estimate, in N m; none before the first state.
     torque: Option<SVector<f64, N>>,
     /// The same when the arm last stood in free space.
@@ -56,13 +56,13 @@ pub(crate) struct Disturbance<const N: usize> {
 
 /// A joint whose disturbance is larger than the law may compensate.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Excess {
+pub struct Excess {
     /// Joint, from 1.
-    pub(crate) joint: u8,
+    pub joint: u8,
     /// Torque that the joint needs beyond the model, in N m.
-    pub(crate) torque: f64,
+    pub torque: f64,
     /// The largest that the law gives, in N m.
-    pub(crate) limit: f64,
+    pub limit: f64,
 }
 
 impl<const N: usize> Default for Disturbance<N> {
@@ -78,18 +78,18 @@ impl<const N: usize> Default for Disturbance<N> {
 
 impl<const N: usize> Disturbance<N> {
     /// Starts anew from the next state: the brakes open, or arm or tool are others.
-    pub(crate) fn reset(&mut self) {
+    pub fn reset(&mut self) {
         *self = Self::default();
     }
 
     /// Whether it starts anew.
-    pub(crate) fn starts(&self) -> bool {
+    pub fn starts(&self) -> bool {
         self.torque.is_none()
     }
 
     /// Starts from the torque (N m) that the sensors of an arm with closed brakes show beyond gravity; from zero if that
     /// is no disturbance: some drives show no torque then. Errors of the sensors are left out.
-    pub(crate) fn start(&mut self, torque: &SVector<f64, N>, limits: &[JointLimits; N]) {
+    pub fn start(&mut self, torque: &SVector<f64, N>, limits: &[JointLimits; N]) {
         let sound = (0..N).all(|i| torque[i].abs() <= most(&limits[i]));
         let torque = if sound {
             beyond_sensors(torque, limits)
@@ -100,18 +100,18 @@ impl<const N: usize> Disturbance<N> {
     }
 
     /// Sets the estimate to a torque (N m), within its bounds.
-    pub(crate) fn set(&mut self, torque: &SVector<f64, N>, limits: &[JointLimits; N]) {
+    pub fn set(&mut self, torque: &SVector<f64, N>, limits: &[JointLimits; N]) {
         self.rest = SVector::from_fn(|i, _| bounded(torque[i], most(&limits[i])).unwrap_or(0.0));
         self.torque = Some(self.rest);
     }
 
     /// Says that the nest is on no sphere: a motion or a release has ended well.
-    pub(crate) fn free(&mut self) {
+    pub fn free(&mut self) {
         self.free = true;
     }
 
     /// The torque that the law adds, in N m.
-    pub(crate) fn torque(&self) -> SVector<f64, N> {
+    pub fn torque(&self) -> SVector<f64, N> {
         self.torque.unwrap_or(self.rest)
     }
 
@@ -119,7 +119,7 @@ impl<const N: usize> Disturbance<N> {
     /// joints' limits. `stands` says that the arm is not in a motion: then it does nothing until the nest is known to be
     /// [free](Self::free).
     #[inline]
-    pub(crate) fn push(
+    pub fn push(
         &mut self,
         spring: &JointSpring<N>,
         speeds: &[f64; N],
@@ -154,12 +154,12 @@ impl<const N: usize> Disturbance<N> {
     }
 
     /// The first joint whose disturbance is beyond its bound at the last tick.
-    pub(crate) fn excess(&self) -> Option<Excess> {
+    pub fn excess(&self) -> Option<Excess> {
         self.excess
     }
 
     /// Forgets what a motion has added since the arm last stood: it may have met something.
-    pub(crate) fn forget_motion(&mut self) {
+    pub fn forget_motion(&mut self) {
         if self.torque.is_some() {
             self.torque = Some(self.rest);
         }
@@ -169,8 +169,8 @@ impl<const N: usize> Disturbance<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::law::{JointSetpoint, Observer, Snapshot, joint_spring};
     use crate::testing::HOME;
+    use crate::{JointSetpoint, Observer, Snapshot, joint_spring};
     use spherecal_shared::robot::{Arm, iiwa7, iiwa7_tool};
 
     fn limits() -> [JointLimits; 7] {

@@ -71,7 +71,7 @@ pub fn joint_spring<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::law::{Actuation, TorqueLoop, poles};
+    use crate::{Actuation, TorqueLoop, poles};
     use nalgebra::SMatrix;
     use spherecal_shared::procedure::Procedure;
     use spherecal_shared::robot::{Arm, BUILT_IN, JointLimits, built_in, iiwa7_tool};

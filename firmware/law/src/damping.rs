@@ -135,7 +135,7 @@ impl Damping {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::law::Actuation;
+    use crate::Actuation;
     use crate::testing::HOME;
     use spherecal_shared::robot::{Arm, iiwa7, iiwa7_tool};
 

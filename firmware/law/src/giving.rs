@@ -18,7 +18,7 @@ const MOST_M: f64 = 0.1;
 
 /// A hold that gives way.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Giving {
+pub struct Giving {
     from: Vector3<f64>,
     most_n: f64,
 }
@@ -26,7 +26,7 @@ pub(crate) struct Giving {
 impl Giving {
     /// From the TCP `from` (F0, in m) on. `model_n` is the size of the force by which the
     /// model errs, in N.
-    pub(crate) fn new(from: Vector3<f64>, model_n: f64) -> Self {
+    pub fn new(from: Vector3<f64>, model_n: f64) -> Self {
         Self {
             from,
             most_n: GIVE_N + model_n,
@@ -36,7 +36,7 @@ impl Giving {
     /// Moves the rest position `hold`. `torque` is that of the hold at this tick, in N m.
     /// Every joint keeps `margin_rad` from its limits.
     #[inline]
-    pub(crate) fn follow<const N: usize>(
+    pub fn follow<const N: usize>(
         &self,
         snapshot: &Snapshot<N>,
         torque: &SVector<f64, N>,
