@@ -169,6 +169,11 @@ impl Bench {
         self.arm.tcp_frame(&self.arm.frames(&self.q.into())).position
     }
 
+    /// Computed orientation of the tool, F0.
+    pub(crate) fn rotation(&self) -> nalgebra::Matrix3<f64> {
+        self.arm.tcp_frame(&self.arm.frames(&self.q.into())).rotation
+    }
+
     /// The drive state of this tick.
     pub(crate) fn state(&self) -> DriveState {
         let joints = |kind: u64, v: SVector<f64, 7>, size: f64| {

@@ -4,14 +4,14 @@
 //! finite numbers, normalised vectors, joint limits.
 
 use nalgebra::Vector3;
-use spherecal_shared::protocol::host::{ApproachCommand, Command, PoseCommand, Refusal};
+use spherecal_shared::protocol::host::{ApproachCommand, Command, ImpedanceCommand, PoseCommand, Refusal};
 use spherecal_shared::robot::{Arm, DrivenRobot, Tool};
 
 use super::{Configured, Controller};
-use crate::law::Wrench;
+use crate::law::{Stiffness, Wrench, joint_spring};
 use crate::motion::rotation_of;
 
-use crate::phases::{Activity, Decoupling, Departed, Env, Moving, PoseTarget, Taring, Turning};
+use crate::phases::{Activity, Decoupling, Departed, Env, ImpedanceHold, Moving, PoseTarget, Taring, Turning};
 
 /// Largest distance between the TCP of a pose's posture and the present TCP, in m:
 /// the tool turns about the sphere, so the TCP stays in place.
@@ -87,16 +87,15 @@ impl<const N: usize> Controller<N> {
                 }
                 self.with_env(|env, cartesian| {
                     if !coupled {
-                        let soft = crate::law::Stiffness::isotropic(
-                            env.procedure.couple.stiffness_n_m,
-                            env.procedure.law.rotation_nm_rad,
-                        );
+                        let soft =
+                            Stiffness::isotropic(env.procedure.couple.stiffness_n_m, env.procedure.law.rotation_nm_rad);
                         cartesian.engage(env.snapshot, soft);
                     }
                     Activity::Decoupling(Decoupling::new(env, cartesian))
                 })
             }
             Command::Retreat { direction } => self.accept_retreat(*direction),
+            Command::Impedance(spring) => self.accept_impedance(spring),
             Command::Stop => {
                 if matches!(self.activity, Activity::Fault) {
                     return Err(Refusal::FaultPending);
@@ -246,11 +245,37 @@ impl<const N: usize> Controller<N> {
         self.may_be_on_sphere = true;
         self.keep_disturbance();
         self.with_env(|env, cartesian| {
-            let soft =
-                crate::law::Stiffness::isotropic(env.procedure.couple.stiffness_n_m, env.procedure.law.rotation_nm_rad);
+            let soft = Stiffness::isotropic(env.procedure.couple.stiffness_n_m, env.procedure.law.rotation_nm_rad);
             cartesian.engage(env.snapshot, soft);
             Activity::Decoupling(Decoupling::new(env, cartesian))
         })
+    }
+
+    /// Holds by a spring, or changes it.
+    fn accept_impedance(&mut self, spring: &ImpedanceCommand) -> Result<(), Refusal> {
+        spring.check().map_err(|_| Refusal::Target)?;
+        if !matches!(self.activity, Activity::Impedance(_)) {
+            self.idle()?;
+            self.keep_hold();
+            self.cartesian.tare = Wrench::default();
+            self.with_env(|env, cartesian| Activity::Impedance(ImpedanceHold::new(spring, env, cartesian)))?;
+        }
+        if let Activity::Impedance(hold) = &mut self.activity {
+            hold.aim(spring);
+            let stiffness = ImpedanceHold::stiffness(spring);
+            let ramp_s = self.procedure.law.stiffness_ramp_s;
+            self.cartesian.impedance.ramp_to(stiffness, ramp_s, self.period_s);
+        }
+        Ok(())
+    }
+
+    /// Takes over all that holds the arm against its gravity for the Cartesian spring: a soft one would give way to a wrong mass or a cable.
+    fn keep_hold(&mut self) {
+        let Some(snapshot) = &self.snapshot else { return };
+        let spring = joint_spring(snapshot, &self.hold, self.procedure.motion.natural_rad_s, 1.0);
+        let change = -(spring.torque + self.disturbance.torque()) - self.observer.known();
+        let pole = self.procedure.law.observer_rad_s;
+        self.observer.explain(&change, self.safety.limits(), pole);
     }
 
     fn accept_pose(&mut self, command: &PoseCommand) -> Result<(), Refusal> {

@@ -10,6 +10,8 @@
 //!                                              Turning ─▶ Recording
 //! ```
 //!
+//! Beside them Idle becomes HandGuiding or Impedance, and either Idle again.
+//!
 //! Each phase is a value of [`Activity`]. Its `step` is called once per tick: it
 //! moves the setpoint and returns what comes next. Phases know targets and time.
 //! They compute no torque and use no hardware, so a test can step them.
@@ -19,6 +21,7 @@ mod cartesian;
 mod couple;
 mod decouple;
 mod free;
+mod impedance;
 #[cfg(test)]
 mod limit_tests;
 mod pull;
@@ -38,6 +41,7 @@ pub(crate) use cartesian::CartesianState;
 pub(crate) use couple::{Coupling, Verifying};
 pub(crate) use decouple::Decoupling;
 pub(crate) use free::Moving;
+pub(crate) use impedance::ImpedanceHold;
 pub(crate) use record::RecordingPose;
 pub(crate) use turn::{PoseTarget, Turning};
 
@@ -141,6 +145,8 @@ pub(crate) enum Activity<const N: usize> {
     Decoupling(Decoupling),
     /// Follows a hand.
     HandGuiding,
+    /// Is a spring of the host.
+    Impedance(ImpedanceHold),
     /// Holds, damped, after a fault.
     Fault,
 }
@@ -160,6 +166,7 @@ impl<const N: usize> Activity<N> {
             Self::Recording(_) => Phase::Recording,
             Self::Decoupling(_) => Phase::Decoupling,
             Self::HandGuiding => Phase::HandGuiding,
+            Self::Impedance(_) => Phase::Impedance,
             Self::Fault => Phase::Fault,
         }
     }
@@ -176,6 +183,7 @@ impl<const N: usize> Activity<N> {
                 | Self::Turning(_)
                 | Self::Recording(_)
                 | Self::Decoupling(_)
+                | Self::Impedance(_)
         )
     }
 
@@ -194,7 +202,12 @@ impl<const N: usize> Activity<N> {
                 Touch::Seated
             }
             Self::Decoupling(phase) => Touch::Leaving(phase.pull_ms),
-            Self::Idle | Self::Taring(_) | Self::Approaching(_) | Self::HandGuiding | Self::Fault => Touch::Wanted,
+            Self::Idle
+            | Self::Taring(_)
+            | Self::Approaching(_)
+            | Self::HandGuiding
+            | Self::Impedance(_)
+            | Self::Fault => Touch::Wanted,
         }
     }
 
@@ -224,6 +237,7 @@ impl<const N: usize> Activity<N> {
             Self::Turning(phase) => phase.step(env, cartesian),
             Self::Recording(phase) => phase.step(env, cartesian),
             Self::Decoupling(phase) => phase.step(env, cartesian),
+            Self::Impedance(phase) => phase.step(env, cartesian),
         }
     }
 }

@@ -12,6 +12,7 @@ use super::doctor::DoctorArgs;
 use super::export::ExportArgs;
 use super::history::{HistoryArgs, TrendArgs};
 use super::identify::IdentifyArgs;
+use super::impedance::ImpedanceArgs;
 use super::init_given::InitArgs;
 use super::robot::RobotArgs;
 use super::robot_sides::PlantArgs;
@@ -44,7 +45,7 @@ const GROUPS: [(&str, &[&str], &[&str]); 5] = [
         &["plan", "teach", "measure", "validate", "stability"],
     ),
     ("Look", &["report", "history"], &["trend", "export"]),
-    ("Robot", &["robot"], &["commission", "collect"]),
+    ("Robot", &["robot"], &["commission", "collect", "impedance"]),
     ("Serve", &["serve"], &["plant", "controller", "conform"]),
     ("More", &["doctor"], &["config", "store", "completions", "man"]),
 ];
@@ -116,6 +117,8 @@ pub enum CliCommand {
     Teach(RunArgs),
     /// Commission a robot: its first run, in five steps, with a person at the robot.
     Commission(Box<CommissionArgs>),
+    /// Hold the arm by a Cartesian spring, and set it live.
+    Impedance(Box<ImpedanceArgs>),
     /// Guide the arm by hand, and collect its contacts for `identify`; commands no torque.
     Collect(Box<CollectArgs>),
     /// Tell from a dozen contacts how wrong the robot's forward kinematics is.

@@ -24,6 +24,7 @@ mod export;
 mod features;
 mod history;
 mod identify;
+mod impedance;
 mod init;
 mod init_given;
 mod init_questions;
@@ -151,6 +152,7 @@ fn execute(cli: Cli) -> Result<Exit, CliError> {
         Some(CliCommand::Teach(args)) => teach::run(&args),
         Some(CliCommand::Check(args)) => check::run(&args),
         Some(CliCommand::Commission(args)) => commission::run(&args),
+        Some(CliCommand::Impedance(args)) => impedance::run(&args),
         Some(CliCommand::Collect(args)) => collect::run(&args),
         Some(CliCommand::Stability(args)) => stability::run(&args),
         Some(CliCommand::Identify(args)) => identify::run(&args),

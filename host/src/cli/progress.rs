@@ -169,6 +169,7 @@ fn phase_name(phase: Phase) -> &'static str {
         Phase::Recording => "recording",
         Phase::Decoupling => "decoupling",
         Phase::HandGuiding => "hand-guiding",
+        Phase::Impedance => "impedance",
         Phase::Fault => "fault",
     }
 }

@@ -28,6 +28,7 @@ mod folders;
 mod hard;
 #[cfg(target_os = "linux")]
 mod hostile;
+mod impedance;
 mod kills;
 mod left_out;
 mod main_job;

@@ -26,6 +26,7 @@ use crate::robot::{DrivenRobot, Tool};
 
 mod cost;
 mod event;
+mod impedance;
 mod timing;
 
 pub use cost::{Cost, CycleCost, STAGES, Stage};
@@ -33,6 +34,7 @@ pub use event::{
     Banner, Contact, Coupled, Event, Fault, FaultReport, MAX_BATCH, Phase, PhaseChange, Recording, Refusal, Sample,
     SignalStatistics, Statistics,
 };
+pub use impedance::{ImpedanceCommand, OutOfRange};
 pub use timing::{LoopTiming, OCTAVES, Octaves};
 
 super::frame::message!(Downlink, "host/down");
@@ -125,6 +127,8 @@ pub enum Command {
         /// Direction of the approach in F0, a unit vector.
         direction: [f64; 3],
     },
+    /// Holds the arm by a Cartesian spring; while it does, sets the spring anew. [`Command::Stop`] ends it.
+    Impedance(ImpedanceCommand),
 }
 
 /// An approach to a sphere.

@@ -6,6 +6,7 @@ mod faults;
 mod golden;
 mod guard;
 mod hostile;
+mod impedance;
 mod poison;
 mod pressing;
 mod sequences;

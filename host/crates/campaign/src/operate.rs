@@ -5,7 +5,9 @@ use std::sync::atomic::AtomicBool;
 
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::protocol::host::{ApproachCommand, Command, Phase, PoseCommand, Sample};
+use spherecal_shared::protocol::host::{
+    ApproachCommand, Command, FaultReport, ImpedanceCommand, Phase, PoseCommand, Sample,
+};
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::observe::CampaignObserver;
@@ -30,6 +32,8 @@ pub enum Order {
     Pose(PoseCommand),
     /// Leave the sphere.
     Decouple,
+    /// Hold by a Cartesian spring, or change it.
+    Impedance(ImpedanceCommand),
     /// Stop any motion and hold.
     Stop,
     /// Leave a fault.
@@ -138,6 +142,22 @@ impl ManualControl<'_> {
         self.session.step()
     }
 
+    /// Device time, in µs.
+    pub fn now_us(&self) -> u64 {
+        self.session.now_us()
+    }
+
+    /// The newest sample of the control loop.
+    pub fn sample(&self) -> Option<Sample> {
+        self.session.sample()
+    }
+
+    /// The fault in which the arm is.
+    pub fn fault(&self) -> Option<FaultReport> {
+        let faulted = self.session.phase == Phase::Fault;
+        self.session.pending_fault.filter(|_| faulted)
+    }
+
     fn attempt(&mut self, order: &Order) -> Result<Option<String>, CampaignError> {
         let session = &mut self.session;
         session.coupled = None;
@@ -148,6 +168,7 @@ impl ManualControl<'_> {
             Order::Approach(approach) => ("approach", Command::Approach(*approach)),
             Order::Pose(pose) => ("take a pose", Command::Pose(pose.clone())),
             Order::Decouple => ("decouple", Command::Decouple),
+            Order::Impedance(spring) => ("hold by a spring", Command::Impedance(*spring)),
             Order::Stop => ("stop", Command::Stop),
             Order::ClearFault => {
                 session.clear_fault()?;
@@ -160,6 +181,7 @@ impl ManualControl<'_> {
         let ended = |s: &Session<'_>| {
             let ended = match order {
                 Order::Move(_) | Order::Decouple => s.rests(),
+                Order::Impedance(_) => s.phase == Phase::Impedance,
                 Order::Approach(a) => s.phase == Phase::Coupled && s.coupled.is_some_and(|c| c.sphere == a.sphere),
                 Order::Pose(p) => {
                     let there = s.recorded.is_some_and(|(_, pose)| pose == p.pose) || s.passed == Some(p.pose);

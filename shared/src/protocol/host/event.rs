@@ -101,6 +101,8 @@ pub enum Phase {
     HandGuiding,
     /// After a fault: damped hold with gravity compensation.
     Fault,
+    /// Held by a Cartesian spring that the host sets.
+    Impedance,
 }
 
 /// A change of phase.

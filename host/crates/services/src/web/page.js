@@ -5,7 +5,7 @@ import { showPast } from "/past.js";
 
 const at = id => document.getElementById(id);
 const STAGES = { connect: "connecting", home: "going home", plate: "waiting for the plate", teach: "teaching", approach: "approaching", couple: "touching", poses: "recording", decouple: "leaving", recover: "recovering", done: "done" };
-const PHASES = { idle: "idle", moving: "moving", taring: "taring", approaching: "descending", coupling: "coupling", verifying: "test pull", coupled: "coupled", turning: "turning", recording: "recording", decoupling: "decoupling", hand_guiding: "hand-guiding", fault: "fault" };
+const PHASES = { idle: "idle", moving: "moving", taring: "taring", approaching: "descending", coupling: "coupling", verifying: "test pull", coupled: "coupled", turning: "turning", recording: "recording", decoupling: "decoupling", hand_guiding: "hand-guiding", impedance: "impedance", fault: "fault" };
 /** Seconds of robot time on the force's curve. */
 const SPAN = 30;
 
