@@ -12,7 +12,6 @@ use spherecal_fci::wire as fci;
 use spherecal_fci::wire::{MAX_COMMAND_SIZE, MAX_STATE_SIZE, RobotCommand, RobotMode, RobotState, Version};
 use spherecal_fri::wire as fri;
 use spherecal_fuzz::joined;
-use spherecal_ur::wire as ur;
 #[cfg(feature = "host")]
 use spherecal_job::Config;
 #[cfg(feature = "host")]
@@ -21,13 +20,14 @@ use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveState, DriveStatus};
 use spherecal_shared::protocol::frame::{self, MAX_FRAME};
 use spherecal_shared::protocol::host::{
-    ApproachCommand, Banner, Command, Downlink, Event, Fault, FaultReport, Phase, PhaseChange, PoseCommand, Recording,
-    Refusal, SignalStatistics, Uplink,
+    ApproachCommand, Banner, Command, Downlink, Event, Fault, FaultReport, ImpedanceCommand, Phase, PhaseChange,
+    PoseCommand, Recording, Refusal, SignalStatistics, Uplink,
 };
 use spherecal_shared::protocol::{PROTOCOL_VERSION, SCHEMA};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 #[cfg(feature = "host")]
 use spherecal_store::{CalibrationStore as _, NewRun, SqlStore, StoredPose};
+use spherecal_ur::wire as ur;
 
 /// Joint angles of an LBR, in rad.
 const HOME: [f64; 7] = [0.0, 0.6, 0.0, -1.6, 0.0, 0.9, 0.0];
@@ -203,6 +203,15 @@ fn links() {
         ("stop", Command::Stop),
         ("clear", Command::ClearFault),
         ("guide", Command::HandGuide { on: true }),
+        (
+            "impedance",
+            Command::Impedance(ImpedanceCommand {
+                stiffness_n_m: [400.0, 400.0, 200.0],
+                rotation_nm_rad: 50.0,
+                offset_m: [0.0, 0.0, 0.01],
+                turn_rad: [0.0, 0.0, 0.1],
+            }),
+        ),
         ("hello", Command::Hello),
     ];
     let mut all = Vec::new();

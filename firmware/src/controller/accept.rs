@@ -10,6 +10,7 @@ use spherecal_shared::robot::{Arm, DrivenRobot, Tool};
 use super::{Configured, Controller};
 use crate::law::{Stiffness, Wrench, joint_spring};
 use crate::motion::rotation_of;
+use crate::safety::Pressing;
 
 use crate::phases::{Activity, Decoupling, Departed, Env, ImpedanceHold, Moving, PoseTarget, Taring, Turning};
 
@@ -53,6 +54,7 @@ impl<const N: usize> Controller<N> {
                 procedure.check().map_err(|_| Refusal::Procedure)?;
                 self.accept_tool(tool)?;
                 self.procedure = *procedure;
+                self.pressing = Pressing::of(procedure.decouple);
                 Ok(())
             }
             Command::Move { target } => {

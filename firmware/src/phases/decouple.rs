@@ -10,11 +10,6 @@ use crate::motion::LineMove;
 /// Acceleration of the setpoint, in m/s².
 const ACCELERATION: f64 = 0.25;
 
-/// How far the spring may be stretched beyond the force that the pressing guard grants for good, in N, and the
-/// time that friction and a wrong tare may take besides, in s: dry friction of 1 to 2 N m halves the rate of the pull.
-const PULL_N: f64 = 15.0;
-const PULL_S: f64 = 0.1;
-
 /// How far the TCP has followed, in m, when the magnet has certainly let go: there it pulls with less than 1 N. An
 /// elastic arm that it still holds has followed by 4 mm at most (7,000 N m/rad, stretched).
 const FREED_M: f64 = 0.005;
@@ -41,7 +36,7 @@ impl Decoupling {
         let decouple = &env.procedure.decouple;
         let tcp = &env.snapshot.tcp;
         cartesian.relatch(env.snapshot, cartesian.setpoint.rotation);
-        cartesian.soften(env, decouple.stiffness_n_m);
+        cartesian.soften(env, decouple.pull_n_m());
         let line = LineMove::new(
             -cartesian.direction,
             decouple.speed_m_s,
@@ -52,9 +47,8 @@ impl Decoupling {
             start: tcp.position,
             line,
             over_s: 0.0,
-            // The pull rises as fast as the setpoint stretches the spring. The check of a procedure keeps the product
-            // above 0.2 N/s.
-            pull_ms: ((PULL_S + PULL_N / (decouple.stiffness_n_m * decouple.speed_m_s)) * 1e3) as u16,
+            // A slow spring may take longer than the count holds.
+            pull_ms: (decouple.pull_s() * 1e3) as u16,
         }
     }
 

@@ -12,6 +12,7 @@
 //! the arm is stretched. So both differences must be too large.
 
 use nalgebra::{SVector, Vector3};
+use spherecal_shared::procedure::Decouple;
 use spherecal_shared::protocol::host::Fault;
 
 use super::violation::Violation;
@@ -24,10 +25,7 @@ const FREE_S: f64 = 0.050;
 /// The same while the nest is on a sphere. The magnet holds it with 26.5 N.
 const SEATED_N: f64 = 40.0;
 const SEATED_S: f64 = 0.200;
-/// Force that the magnet alone explains for a while as the nest is pulled off, in N.
-const LEAVING_N: f64 = 20.0;
-/// Force that no magnet explains then, in N, and the time for which it may be a wrong estimate, in s.
-const HELD_N: f64 = 34.0;
+/// Time for which a force that no magnet explains may be a wrong estimate, in s.
 const HELD_S: f64 = 0.050;
 /// Largest rest force, in N: the tare of an approach that is refused.
 const REST_N: f64 = 12.0;
@@ -44,7 +42,7 @@ pub(crate) enum Touch {
     Free,
     /// The sphere.
     Seated,
-    /// The sphere, until the magnet lets go: the time in ms for which more than [`LEAVING_N`] may be needed.
+    /// The sphere, until the magnet lets go: the time in ms for which more than is [granted](Decouple::granted_n) may be needed.
     Leaving(u16),
     /// What the phase itself judges, a hand, or an unknown thing.
     #[default]
@@ -63,6 +61,8 @@ pub(crate) struct Pressing<const N: usize> {
     ticks: [u32; 2],
     /// What the phase of the last tick touched.
     touch: Touch,
+    /// How a sphere is left, with its magnet.
+    decouple: Decouple,
 }
 
 impl<const N: usize> Default for Pressing<N> {
@@ -73,6 +73,7 @@ impl<const N: usize> Default for Pressing<N> {
             rest_s: 0.0,
             ticks: [0; 2],
             touch: Touch::default(),
+            decouple: Decouple::default(),
         }
     }
 }
@@ -80,7 +81,15 @@ impl<const N: usize> Default for Pressing<N> {
 impl<const N: usize> Pressing<N> {
     /// Forgets everything: the estimator has started again.
     pub(crate) fn reset(&mut self) {
-        *self = Self::default();
+        *self = Self::of(self.decouple);
+    }
+
+    /// A guard for a magnet that is left so.
+    pub(crate) fn of(decouple: Decouple) -> Self {
+        Self {
+            decouple,
+            ..Self::default()
+        }
     }
 
     /// Size of the rest force, in N.
@@ -117,7 +126,11 @@ impl<const N: usize> Pressing<N> {
             Touch::Rest | Touch::Wanted => return None,
             Touch::Free => ((force - self.rest).norm(), [(FREE_N, FREE_S); 2]),
             Touch::Seated => (force.norm(), [seated; 2]),
-            Touch::Leaving(ms) => (force.norm(), [(HELD_N, HELD_S), (LEAVING_N, f64::from(ms) * 1e-3)]),
+            Touch::Leaving(ms) => {
+                let unexplained = (self.decouple.unexplained_n(), HELD_S);
+                let granted = (self.decouple.granted_n(), f64::from(ms) * 1e-3);
+                (force.norm(), [unexplained, granted])
+            }
         };
         if touch == Touch::Free && size > FREE_N {
             let change = external - self.rest_torque;
@@ -222,6 +235,27 @@ mod tests {
         };
         assert!(pulled(40.0).is_some_and(|n| (29.5..30.5).contains(&n)));
         assert!(pulled(100.0).is_some_and(|n| (38.5..39.5).contains(&n)));
+    }
+
+    // Fails if a magnet that is declared cannot be pulled off at half of the spring's rate, or if something that holds with more
+    // may be pulled for long.
+    #[test]
+    fn a_declared_magnet_may_be_pulled_off() {
+        for magnet_n in [13.0, 26.5, 79.0, 120.0, 265.0] {
+            let decouple = Decouple {
+                magnet_n,
+                ..Decouple::default()
+            };
+            let touch = Touch::Leaving((decouple.pull_s() * 1e3) as u16);
+            let rate = 0.5 * decouple.pull_n_m() * decouple.speed_m_s;
+            let mut guard = Pressing::of(decouple);
+            let pulled = (0..20_000).find_map(|ms| {
+                let force = newton(rate * 1e-3 * f64::from(ms));
+                look(&mut guard, touch, &force).map(|_| force.norm())
+            });
+            let most = pulled.expect("something holds it");
+            assert!(most > magnet_n && most < magnet_n + 22.0, "{magnet_n} N: {most}");
+        }
     }
 
     // Fails if the approach, a hand that guides or an arm that stands is judged, or if the

@@ -120,6 +120,31 @@ fn long_arms_of_franka_finish() {
     all_finish(&[("Panda, harsh", "5", &panda), ("FR3, harsh", "4", &fr3)], 150);
 }
 
+/// A nest with such a magnet (N), declared; the limit of the force is raised where it must be.
+fn magnet(newton: f64) -> String {
+    let limit_n = (newton + 10.0).max(100.0);
+    format!(
+        "[plant.nest]\nmagnet_n = {newton}\n[procedure.decouple]\nmagnet_n = {newton}\n[procedure.limits]\nforce_n = {limit_n}\n"
+    )
+}
+
+// Fails if a magnet that holds with three times as much as the usual one cannot be left: `pressing` with fixed limits.
+#[test]
+#[ignore = "slow: the gate runs it"]
+fn slow_a_strong_magnet_is_left() {
+    all_finish(&[("79 N", "1", &magnet(79.0))], 9);
+}
+
+// Fails if a run with a weak or a strong magnet does not finish, loses a pose, or has more than two faults.
+#[test]
+#[ignore = "long: scripts/test --long runs it"]
+fn long_magnets_are_left() {
+    for newton in [13.0, 79.0, 120.0] {
+        let (name, cell) = (format!("{newton} N"), magnet(newton));
+        all_finish(&["1", "2", "3"].map(|seed| (name.as_str(), seed, cell.as_str())), 30);
+    }
+}
+
 /// Errors that no model of the arm has, with the robots' names: cables that pull both joints of the wrist with 1.5 N m, 8 N m
 /// of bias at a torque sensor of the shoulder, and play of all sensors of so many per cent of their range to each side.
 fn disturbed(robot: &str) -> [(String, String); 4] {

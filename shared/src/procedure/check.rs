@@ -2,7 +2,10 @@
 //! the same check.
 
 use super::limits::UNBOUNDED_M;
-use super::{MAX_STIFFNESS_N_M, MAX_STIFFNESS_NM_RAD, Procedure};
+use super::{Decouple, MAX_STIFFNESS_N_M, MAX_STIFFNESS_NM_RAD, Procedure};
+
+/// How many times as far as a magnet stretches the spring its rest must go: friction may take half of the force.
+const FRICTION: f64 = 2.0;
 
 /// A number of the procedure is out of its range.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -27,6 +30,16 @@ impl Procedure {
         let k = MAX_STIFFNESS_N_M;
         let a = &self.approach;
         let (l, u) = (&self.limits, UNBOUNDED_M);
+        // Of a magnet that is no stronger than the paper's, both are the user's own matter.
+        let decouple = &self.decouple;
+        let (least_n, least_m) = if decouple.magnet_n > Decouple::default().magnet_n {
+            (
+                decouple.unexplained_n(),
+                FRICTION * decouple.magnet_n / decouple.pull_n_m(),
+            )
+        } else {
+            (0.0, 0.0)
+        };
         let normal2 = l.plate_normal.iter().map(|x| x * x).sum::<f64>();
         let ranges: &[(&'static str, f64, f64, f64)] = &[
             ("law.damping_ratio", self.law.damping_ratio, 0.1, 1.0),
@@ -90,6 +103,7 @@ impl Procedure {
             ("seating.check_n", self.seating.check_n, 0.0, 20.0),
             ("seating.check_s", self.seating.check_s, 0.0, 10.0),
             ("seating.check_m", self.seating.check_m, 1e-5, 0.1),
+            ("decouple.magnet_n", self.decouple.magnet_n, 0.0, 300.0),
             ("decouple.stiffness_n_m", self.decouple.stiffness_n_m, 200.0, k),
             ("decouple.speed_m_s", self.decouple.speed_m_s, 1e-3, 0.25),
             ("decouple.retreat_m", self.decouple.retreat_m, 0.015, 0.3),
@@ -98,6 +112,18 @@ impl Procedure {
             ("limits.position_margin_rad", self.limits.position_margin_rad, 0.0, 0.5),
             ("limits.velocity_share", self.limits.velocity_share, 0.05, 1.0),
             ("limits.force_n", self.limits.force_n, 1.0, 500.0),
+            (
+                "limits.force_n (with this decouple.magnet_n)",
+                self.limits.force_n,
+                least_n,
+                500.0,
+            ),
+            (
+                "decouple.retreat_m (with this decouple.magnet_n)",
+                self.decouple.retreat_m,
+                least_m,
+                0.3,
+            ),
             ("limits.path_m", self.limits.path_m, 0.001, 1.0),
             ("limits.path_rad", self.limits.path_rad, 0.001, 3.0),
             ("limits.host_silence_s", self.limits.host_silence_s, 0.05, 3600.0),
@@ -181,6 +207,32 @@ mod tests {
         let mut p = Procedure::default();
         p.couple.hold_s = f64::NAN;
         assert_eq!(p.check().expect_err("NaN").field, "couple.hold_s");
+    }
+
+    // Fails if a magnet stronger than the paper's is accepted with limits by which no arm leaves it, or if the refusal does not
+    // name it.
+    #[test]
+    fn a_strong_magnet_needs_its_limits() {
+        let mut p = Procedure::default();
+        p.decouple.magnet_n = 79.0;
+        assert_eq!(p.check(), Ok(()));
+        p.decouple.magnet_n = 265.0;
+        let refused = |p: &Procedure| std::format!("{}", p.check().expect_err("out of range"));
+        let text = refused(&p);
+        assert!(
+            text.contains("limits.force_n (with this decouple.magnet_n) is 100: give a value from 272.5"),
+            "{text}"
+        );
+        p.limits.force_n = 280.0;
+        let text = refused(&p);
+        assert!(
+            text.contains("decouple.retreat_m (with this decouple.magnet_n) is 0.05: give a value from 0.106"),
+            "{text}"
+        );
+        p.decouple.retreat_m = 0.11;
+        assert_eq!(p.check(), Ok(()));
+        p.decouple.magnet_n = 301.0;
+        assert_eq!(p.check().expect_err("too strong").field, "decouple.magnet_n");
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The phases of contact: approach, coupling, turning, recording, decoupling.
 
+use super::MAX_STIFFNESS_N_M;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
@@ -204,13 +205,16 @@ impl Default for Seating {
     }
 }
 
-/// Leaving the sphere against the magnet's holding force of 26.5 N.
+/// Leaving the sphere against the magnet.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Decouple {
+    /// Pull of the nest's magnet on a seated sphere, in N (the paper: 2.7 kg). What the arm may pull with, and for how long,
+    /// follows from it. A magnet that holds with more than is told here cannot be left: `pressing`.
+    pub magnet_n: f64,
     /// Translational stiffness, in N/m. With 200 the nest never lets go; with
-    /// 2,000 it leaves after 12.7 mm of setpoint.
+    /// 2,000 it leaves after 12.7 mm of setpoint. A magnet of more than 26.5 N is left with as much more, up to 5,000.
     pub stiffness_n_m: f64,
     /// Speed of the setpoint, in m/s.
     pub speed_m_s: f64,
@@ -222,9 +226,46 @@ pub struct Decouple {
     pub settle_s: f64,
 }
 
+/// Pull of the paper's magnet, for which the limits were measured, in N.
+const USUAL_MAGNET_N: f64 = 26.5;
+/// What the estimate of a force may err, beyond what the magnet holds, in N.
+const ERROR_N: f64 = 7.5;
+/// Largest force that the arm pulls with for good where a magnet may hold it, in N.
+const GRANTED_N: f64 = 20.0;
+/// Time in s, and force in N, that a pull takes from there to what the paper's magnet holds: dry friction of 1 to 2 N m
+/// halves its rate, and the tare may be wrong.
+const PULL_S: f64 = 0.1;
+const PULL_N: f64 = 15.0;
+
+impl Decouple {
+    /// Force at the TCP that no magnet explains, in N.
+    pub fn unexplained_n(&self) -> f64 {
+        self.magnet_n + ERROR_N
+    }
+
+    /// Force that is granted for good as the nest leaves its sphere, in N.
+    pub fn granted_n(&self) -> f64 {
+        GRANTED_N
+    }
+
+    /// Stiffness that leaves this magnet, in N/m: it lets go after as much of the setpoint as the paper's.
+    pub fn pull_n_m(&self) -> f64 {
+        let share = (self.magnet_n / USUAL_MAGNET_N).max(1.0);
+        (self.stiffness_n_m * share).min(MAX_STIFFNESS_N_M.max(self.stiffness_n_m))
+    }
+
+    /// Time for which the magnet explains more than is [granted](Self::granted_n), in s. The pull rises as fast as the
+    /// setpoint stretches the spring; friction may halve the rate of what a stronger magnet needs besides.
+    pub fn pull_s(&self) -> f64 {
+        let more_n = (self.magnet_n - USUAL_MAGNET_N).max(0.0);
+        PULL_S + (PULL_N + 2.0 * more_n) / (self.pull_n_m() * self.speed_m_s)
+    }
+}
+
 impl Default for Decouple {
     fn default() -> Self {
         Self {
+            magnet_n: USUAL_MAGNET_N,
             stiffness_n_m: 2000.0,
             speed_m_s: 0.050,
             retreat_m: 0.050,

@@ -311,7 +311,8 @@ pub fn remedy(fault: Fault) -> &'static str {
         }
         Fault::Pressing => {
             "the arm pressed on something, or something pressed on it: clear the path, and check the waypoints, the declared \
-             tool mass, and that the nest turns freely on the sphere and comes off it"
+             tool mass, and that the nest turns freely on the sphere and comes off it (a magnet of more than 26.5 N: \
+             procedure.decouple.magnet_n)"
         }
         Fault::Disturbance => {
             "something holds the joint: loosen cables and hoses there, have its torque sensor zeroed, and check payload and friction"

@@ -200,7 +200,7 @@ pub fn policy(fault: Fault) -> Policy {
             false,
         ),
         Fault::Pressing => (
-            "a force of more than 15 N at the TCP for 50 ms in a free motion, of 40 N for 200 ms while the nest is on a sphere, or of 34 N for 50 ms or 20 N for 250 ms on the way off it (for 50 ms from 5 mm off)",
+            "a force of more than 15 N at the TCP for 50 ms in a free motion, of 40 N for 200 ms while the nest is on a sphere, or of 34 N for 50 ms or 20 N for 250 ms on the way off it (for 50 ms from 5 mm off; [more for a stronger magnet](design/control.md#the-control-law))",
             51,
             GIVES_WAY,
             2.0,

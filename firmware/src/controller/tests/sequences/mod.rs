@@ -34,7 +34,10 @@ fn beginnings() -> Vec<World> {
     moving.ticks(100);
     let mut failed = world.clone();
     failed.apply(Input::Gap);
-    all.extend([guided, moving, failed]);
+    let mut sprung = world.clone();
+    sprung.apply(Input::Spring);
+    sprung.ticks(100);
+    all.extend([guided, moving, failed, sprung]);
     world.apply(Input::Approach);
     for _ in 0..4 {
         all.push(world.clone());
@@ -61,7 +64,7 @@ fn beginnings() -> Vec<World> {
         .iter()
         .map(|w| format!("{:?}", w.bench.controller.phase()))
         .collect();
-    assert_eq!(phases.len(), 12, "{phases:?}");
+    assert_eq!(phases.len(), 13, "{phases:?}");
     all
 }
 
@@ -93,12 +96,12 @@ fn every_sequence_of_events_is_safe() {
     let mut keys = BTreeSet::new();
     let count: u64 = beginnings().iter().map(|world| explore(world, depth, &mut keys)).sum();
     std::println!(
-        "{count} inputs to depth {depth} from 12 phases, {} kinds of state",
+        "{count} inputs to depth {depth} from 13 phases, {} kinds of state",
         keys.len()
     );
     let inputs = INPUTS.len() as u64;
     let each: u64 = (1..=depth).map(|d| inputs.pow(d)).sum();
-    assert_eq!(count, 12 * each);
+    assert_eq!(count, 13 * each);
     assert!(keys.len() >= 20, "{keys:?}");
 }
 

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use spherecal_shared::Joints;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::{DriveState, DriveStatus};
-use spherecal_shared::protocol::host::{Command, Event, Phase};
+use spherecal_shared::protocol::host::{Command, Event, ImpedanceCommand, Phase};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
 use crate::phases::Activity;
@@ -37,10 +37,11 @@ pub(super) enum Input {
     Clear,
     Guide,
     Unguide,
+    Spring,
     Configure,
 }
 
-pub(super) const INPUTS: [Input; 21] = [
+pub(super) const INPUTS: [Input; 22] = [
     Input::Short,
     Input::Long,
     Input::Repeated,
@@ -61,6 +62,7 @@ pub(super) const INPUTS: [Input; 21] = [
     Input::Clear,
     Input::Guide,
     Input::Unguide,
+    Input::Spring,
     Input::Configure,
 ];
 
@@ -295,6 +297,12 @@ impl World {
             }
             Input::Guide => self.queue_command(Command::HandGuide { on: true }),
             Input::Unguide => self.queue_command(Command::HandGuide { on: false }),
+            Input::Spring => self.queue_command(Command::Impedance(ImpedanceCommand {
+                stiffness_n_m: [200.0; 3],
+                rotation_nm_rad: 50.0,
+                offset_m: [0.01, 0.0, 0.0],
+                turn_rad: [0.0; 3],
+            })),
             Input::Configure => {
                 let tool = iiwa7_tool();
                 let procedure = procedure();
