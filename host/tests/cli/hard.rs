@@ -135,6 +135,28 @@ fn slow_a_strong_magnet_is_left() {
     all_finish(&[("79 N", "1", &magnet(79.0))], 9);
 }
 
+// Fails if a magnet that no joint of the arm pulls off, or whose limits no arm leaves it with, is not refused before anything moves
+// with its name.
+#[test]
+fn a_magnet_that_cannot_be_left_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let long = magnet(265.0).replace("[procedure.limits]", "retreat_m = 0.11\n[procedure.limits]");
+    for (cell, told) in [
+        (long, "joint 2 to leave sphere 1, and the joint gives 176 N m"),
+        (
+            magnet(265.0),
+            "decouple.retreat_m (with this decouple.magnet_n) is 0.05: give a value from 0.106",
+        ),
+    ] {
+        let quick = format!("[plan]\nposes = 3\nchoice = \"grid\"\n{cell}");
+        std::fs::write(folder.path().join("cell.toml"), quick).expect("written");
+        let run = spherecal(folder.path(), &["measure", "--config", "cell.toml", "--out", "cell"]);
+        let said = text(&run.stderr);
+        assert_eq!(run.status.code(), Some(2), "{said}");
+        assert!(said.contains(told) && said.contains("decouple.magnet_n"), "{said}");
+    }
+}
+
 // Fails if a run with a weak or a strong magnet does not finish, loses a pose, or has more than two faults.
 #[test]
 #[ignore = "long: scripts/test --long runs it"]

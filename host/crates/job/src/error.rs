@@ -31,6 +31,23 @@ pub enum JobError {
         /// Poses considered.
         planned: usize,
     },
+    /// The arm has not the torque to leave a sphere against the magnet.
+    #[error(
+        "a magnet of {magnet_n} N (procedure.decouple.magnet_n) needs {needed_nm:.0} N m of joint {joint} to leave sphere {sphere}, and the \
+         joint gives {limit_nm:.0} N m: take a weaker magnet, or move the plate nearer to the robot"
+    )]
+    Magnet {
+        /// Holding force, in N.
+        magnet_n: f64,
+        /// Id of the sphere.
+        sphere: u32,
+        /// Joint, from 1.
+        joint: usize,
+        /// Torque against gravity and magnet, in N m.
+        needed_nm: f64,
+        /// The joint's limit, in N m.
+        limit_nm: f64,
+    },
     /// What is to be simulated or injected was refused.
     #[error(transparent)]
     Simulation(Box<dyn std::error::Error + Send + Sync>),
@@ -176,6 +193,7 @@ impl JobError {
             | Self::Plan(_)
             | Self::PlateOutOfReach { .. }
             | Self::NoPose { .. }
+            | Self::Magnet { .. }
             | Self::Motors { .. }
             | Self::Simulation(_)
             | Self::NoInjection { .. }

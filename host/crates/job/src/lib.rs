@@ -21,6 +21,7 @@ mod impedance;
 mod journal;
 mod link;
 mod link_record;
+mod magnet;
 mod measure;
 pub mod native;
 pub mod new_cell;

@@ -7,7 +7,7 @@ use spherecal_shared::robot::Tool;
 
 use super::prepared::{PreparedRun, Simulator};
 use super::waypoints::TaughtWaypoints;
-use super::{Choice, Config, ConfigError, JobError};
+use super::{Choice, Config, ConfigError, JobError, magnet};
 use spherecal_model::chain::Chain;
 use spherecal_model::robots::{self, RobotModel};
 use spherecal_model::{NominalCell, Placement};
@@ -55,6 +55,7 @@ fn planned(config: &Config) -> Result<(Known, Plan), JobError> {
     if plan.recorded() == 0 {
         return Err(JobError::NoPose { planned: plan.planned });
     }
+    magnet::check(&known.model.robot, &known.tool, &plan, &config.procedure.decouple)?;
     Ok((known, plan))
 }
 
