@@ -89,8 +89,8 @@ pub(crate) fn export(
         let (files, remark) = match (telemetry, beside) {
             (Some(file), _) => (vec![file], None),
             (None, Some(beside)) => {
-                let found = run_telemetry(&beside, store.as_mut(), &info)?;
-                let remark = found.remark(run);
+                let found = run_telemetry(&beside, &info);
+                let remark = found.remark();
                 (found.files, remark)
             }
             (None, None) => (Vec::new(), None),

@@ -17,8 +17,8 @@ use spherecal_link::qemu::find_image;
 
 /// The Cortex-M7's Rust target.
 const TARGET: &str = "thumbv7em-none-eabihf";
-/// Free space below which a long run may not fit, in bytes: the telemetry of a whole grid is about
-/// 1 GB.
+/// Free space below which a long run may not fit, in bytes: with every sample kept, the telemetry of a whole grid is more
+/// than 1 GB.
 const ROOM: u64 = 2 << 30;
 
 /// Arguments of `doctor`.

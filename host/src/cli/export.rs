@@ -62,7 +62,7 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
             store.path().display()
         )));
     };
-    let telemetry = run_telemetry(&args.out, store.as_mut(), &info)?;
+    let telemetry = run_telemetry(&args.out, &info);
     let exported = match wanted {
         ExportFormat::Ros2 if telemetry.files.is_empty() => {
             return Err(CliError::input(format!(
@@ -100,12 +100,12 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
             file.display()
         );
     }
-    if let Some(remark) = telemetry.remark(run) {
+    if let Some(remark) = telemetry.remark() {
         errln!("spherecal export: {remark}");
     }
     for torn in &exported.torn_telemetry {
         errln!(
-            "spherecal export: {} ends in the middle of a record, because its program was killed: {} control periods \
+            "spherecal export: {} ends in the middle of a record, because its program was killed: {} samples \
              before that are exported, the last {} bytes are left out",
             torn.file.display(),
             torn.read.periods,

@@ -203,7 +203,9 @@ pub(super) fn measure(
             terminal: ProgressView::new(),
             live,
         };
-        let mut view = TelemetryRecorder::new(view, &args.out, DrawnArm::new(&prepared.model, &prepared.tool), &about);
+        let arm = DrawnArm::new(&prepared.model, &prepared.tool);
+        let every_ticks = prepared.config.procedure.telemetry.other_ticks;
+        let mut view = TelemetryRecorder::new(view, &args.out, arm, &about, every_ticks);
         let site = Site {
             link: &args.link,
             tracker: args.tracker.as_ref(),
@@ -331,7 +333,7 @@ pub(super) fn evaluate(
     store.put_result(info.run, FINGERPRINT, &json)?;
     let mut files = vec![store.path().to_owned()];
     files.extend(written.paths);
-    files.extend(job::run_telemetry(out, store, info)?.files);
+    files.extend(job::run_telemetry(out, info).files);
     if info.link == Link::Qemu.to_string() {
         files.push(out.join(LOG_FILE));
     }

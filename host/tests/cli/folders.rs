@@ -109,43 +109,6 @@ fn slow_every_table_is_of_the_run_that_was_asked_for() {
     same(&tables(folder, "both"), &tables(folder, "two"));
 }
 
-// Fails if the telemetry of an earlier version is lost where there is one run, or given to a run
-// that may not be its own.
-#[test]
-#[ignore = "long: scripts/test --long runs it"]
-fn long_telemetry_without_a_run_is_only_that_of_an_only_run() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let folder = folder.path();
-    measure(folder, 1, false, "old");
-    export(folder, "old", "1");
-    let expected = tables(folder, "old");
-    let named = folder.join("old/telemetry-run-1.mcap");
-    std::fs::rename(&named, folder.join("old/telemetry.mcap")).expect("renamed");
-    std::fs::remove_dir_all(folder.join("old/tables")).expect("removed");
-    assert_eq!(export(folder, "old", "1"), "");
-    same(&tables(folder, "old"), &expected);
-
-    measure(folder, 2, false, "old");
-    let said = export(folder, "old", "1");
-    assert!(
-        said.contains("old/telemetry.mcap") && said.contains("cannot be told") && said.contains("telemetry-run-1.mcap"),
-        "{said}"
-    );
-    assert!(
-        tables(folder, "old").contains_key("telemetry.csv"),
-        "of run 1 from before"
-    );
-    std::fs::remove_dir_all(folder.join("old/tables")).expect("removed");
-    export(folder, "old", "1");
-    assert!(!tables(folder, "old").contains_key("telemetry.csv"));
-    assert_eq!(export(folder, "old", "2"), "");
-    assert!(tables(folder, "old").contains_key("telemetry.csv"));
-    // The remedy of the message.
-    std::fs::rename(folder.join("old/telemetry.mcap"), &named).expect("renamed");
-    assert_eq!(export(folder, "old", "1").matches("cannot be told").count(), 0);
-    same(&tables(folder, "old"), &expected);
-}
-
 // Fails if the results of another arm are overwritten, or if nobody is told where they went.
 #[test]
 #[ignore = "slow: the gate runs it"]

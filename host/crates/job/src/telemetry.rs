@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use spherecal_campaign::telemetry::{RunKey, files_of_run, files_without_run};
-use spherecal_store::{CalibrationStore, RunInfo, StoreError};
+use spherecal_campaign::telemetry::{RunKey, files_of_earlier_versions, files_of_run};
+use spherecal_store::RunInfo;
 
 use super::Link;
 
@@ -13,19 +13,16 @@ pub struct RunTelemetry {
     /// Its files, in the order in which they were written: one, and one more for each time it was
     /// resumed.
     pub files: Vec<PathBuf>,
-    /// Files of an earlier version, which do not say of which run they are, where the store has
-    /// several runs. They are none of `files`.
-    pub untold: Vec<PathBuf>,
+    /// Files of earlier versions, whose messages are in JSON. They are none of `files`.
+    pub earlier: Vec<PathBuf>,
 }
 
 impl RunTelemetry {
-    /// What to tell the user of files that cannot be told apart; `None` where there are none.
-    pub fn remark(&self, run: i64) -> Option<String> {
-        let first = self.untold.first()?;
+    /// What to tell the user of files that are left out; `None` where there are none.
+    pub fn remark(&self) -> Option<String> {
+        let first = self.earlier.first()?;
         Some(format!(
-            "{}: an earlier version wrote it, without the number of its run, and the database has several runs: it \
-             cannot be told whether it is of run {run}, so it is left out. If you know that it is, rename it to \
-             telemetry-run-{run}.mcap",
+            "{}: an earlier version wrote it, with messages in JSON: it is left out; Foxglove opens it",
             first.display()
         ))
     }
@@ -39,37 +36,16 @@ pub(super) fn run_key(info: &RunInfo) -> RunKey {
     }
 }
 
-/// Finds the telemetry of run `info` of `store` in `folder`.
+/// Finds the telemetry of run `info` in `folder`.
 ///
 /// A simulated run that is resumed starts from its beginning, so each of its files repeats the ones
-/// before. Of them only the largest is returned. Files of an earlier version belong to the only run
-/// of a store.
-///
-/// # Errors
-/// When the store fails.
-pub fn run_telemetry(
-    folder: &Path,
-    store: &mut dyn CalibrationStore,
-    info: &RunInfo,
-) -> Result<RunTelemetry, StoreError> {
-    let files = files_of_run(folder, &run_key(info));
-    if !files.is_empty() {
-        return Ok(RunTelemetry {
-            files: without_repetitions(files, &info.link),
-            untold: Vec::new(),
-        });
+/// before. Of them only the largest is returned.
+pub fn run_telemetry(folder: &Path, info: &RunInfo) -> RunTelemetry {
+    let run = run_key(info);
+    RunTelemetry {
+        files: without_repetitions(files_of_run(folder, &run), &info.link),
+        earlier: files_of_earlier_versions(folder, &run),
     }
-    let old = files_without_run(folder);
-    if old.is_empty() || store.runs()?.len() == 1 {
-        return Ok(RunTelemetry {
-            files: without_repetitions(old, &info.link),
-            untold: Vec::new(),
-        });
-    }
-    Ok(RunTelemetry {
-        files: Vec::new(),
-        untold: old,
-    })
 }
 
 /// Of files that repeat each other, the largest.

@@ -96,8 +96,6 @@ pub enum Phase {
     /// Leaving the sphere.
     Decoupling,
     /// Hand-guiding.
-    // Telemetry files of earlier versions have it as one word.
-    #[serde(alias = "handguiding")]
     HandGuiding,
     /// After a fault: damped hold with gravity compensation.
     Fault,

@@ -5,7 +5,8 @@
 //! and the time at which the run was created. So a file of an earlier database in the same folder is
 //! not taken for the file of a run with the same number.
 //!
-//! Earlier versions wrote `telemetry.mcap`, `telemetry-2.mcap`, ... without a run.
+//! Earlier versions wrote messages in JSON, which are read no more: their files say of no profile that they are made for.
+//! Before that they wrote `telemetry.mcap`, `telemetry-2.mcap`, ... without a run.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -15,6 +16,8 @@ use std::path::{Path, PathBuf};
 use mcap::McapError;
 use mcap::records::op;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+
+use super::writer::PROFILE;
 
 /// The run that telemetry belongs to.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -86,12 +89,12 @@ pub(super) fn free_name(folder: &Path, run: i64) -> PathBuf {
 }
 
 /// The telemetry files of a run in `folder`, in the order in which they were written. A file that
-/// another run wrote under this run's number is left out. A file that was killed before its first
-/// sample is left out, too.
+/// another run wrote under this run's number is left out, as are [`files_of_earlier_versions`]. A file that was killed
+/// before its first sample is left out, too.
 pub fn files_of_run(folder: &Path, run: &RunKey) -> Vec<PathBuf> {
     let mut files = pieces(folder, &format!("telemetry-run-{}", run.number));
-    files.retain(|path| match metadata(path) {
-        Ok(Some(about)) => run.wrote(&about),
+    files.retain(|path| match about(path) {
+        Ok(Some(about)) => about.profile == PROFILE && run.wrote(&about.metadata),
         Ok(None) => false,
         // Whoever reads it says what is wrong with it.
         Err(_) => true,
@@ -99,13 +102,26 @@ pub fn files_of_run(folder: &Path, run: &RunKey) -> Vec<PathBuf> {
     files
 }
 
-/// The telemetry files of an earlier version in `folder`, which do not say of which run they are.
-pub fn files_without_run(folder: &Path) -> Vec<PathBuf> {
-    pieces(folder, "telemetry")
+/// The telemetry files in `folder` that earlier versions wrote, of this run or of none.
+pub fn files_of_earlier_versions(folder: &Path, run: &RunKey) -> Vec<PathBuf> {
+    let mut files = pieces(folder, &format!("telemetry-run-{}", run.number));
+    files.retain(|path| {
+        let about = about(path).ok().flatten();
+        about.is_some_and(|about| about.profile != PROFILE && run.wrote(&about.metadata))
+    });
+    files.extend(pieces(folder, "telemetry"));
+    files
+}
+
+/// What a file says about itself.
+#[derive(Default)]
+struct About {
+    profile: String,
+    metadata: BTreeMap<String, String>,
 }
 
 /// What a file says about itself. `None` if it ends before that.
-fn metadata(path: &Path) -> Result<Option<BTreeMap<String, String>>, McapError> {
+fn about(path: &Path) -> Result<Option<About>, McapError> {
     let mut head = Vec::new();
     File::open(path)?.take(HEAD).read_to_end(&mut head)?;
     let options = LinearReaderOptions::default()
@@ -113,6 +129,7 @@ fn metadata(path: &Path) -> Result<Option<BTreeMap<String, String>>, McapError> 
         .with_emit_chunks(true);
     let mut reader = LinearReader::new_with_options(options);
     let mut rest = head.as_slice();
+    let mut about = About::default();
     while let Some(event) = reader.next_event() {
         match event {
             Ok(LinearReadEvent::ReadRequest(wanted)) => {
@@ -121,27 +138,37 @@ fn metadata(path: &Path) -> Result<Option<BTreeMap<String, String>>, McapError> 
                 reader.notify_read(now.len());
                 rest = later;
             }
+            Ok(LinearReadEvent::Record { mut data, opcode }) if opcode == op::HEADER => {
+                about.profile = text(&mut data).unwrap_or_default();
+            }
             Ok(LinearReadEvent::Record { data, opcode }) if opcode == op::METADATA => {
-                return Ok(Some(pairs(data).unwrap_or_default()));
+                about.metadata = pairs(data).unwrap_or_default();
+                return Ok(Some(about));
             }
             Ok(LinearReadEvent::Record { .. }) => {}
             Err(McapError::UnexpectedEof) => return Ok(None),
             Err(error) => return Err(error),
         }
     }
-    Ok(Some(BTreeMap::new()))
+    Ok(Some(about))
 }
 
-/// The pairs of a metadata record: a name, then a map of texts. Lengths are checked here, because
-/// the file may be damaged.
+/// The bytes of a record's next field, which begins with their number. Lengths are checked here, because the file may be
+/// damaged.
+fn bytes<'a>(from: &mut &'a [u8]) -> Option<&'a [u8]> {
+    let (length, rest) = from.split_first_chunk::<4>()?;
+    let (field, rest) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+    *from = rest;
+    Some(field)
+}
+
+/// A record's next field, as text.
+fn text(from: &mut &[u8]) -> Option<String> {
+    bytes(from).map(|t| String::from_utf8_lossy(t).into_owned())
+}
+
+/// The pairs of a metadata record: a name, then a map of texts.
 fn pairs(mut record: &[u8]) -> Option<BTreeMap<String, String>> {
-    fn bytes<'a>(from: &mut &'a [u8]) -> Option<&'a [u8]> {
-        let (length, rest) = from.split_first_chunk::<4>()?;
-        let (text, rest) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
-        *from = rest;
-        Some(text)
-    }
-    let text = |from: &mut &[u8]| bytes(from).map(|t| String::from_utf8_lossy(t).into_owned());
     let _name = bytes(&mut record)?;
     let mut map = bytes(&mut record)?;
     let mut pairs = BTreeMap::new();
@@ -156,6 +183,7 @@ fn pairs(mut record: &[u8]) -> Option<BTreeMap<String, String>> {
 mod tests {
     use super::super::{DrawnArm, TelemetryWriter};
     use super::*;
+    use mcap::WriteOptions;
 
     fn arm() -> DrawnArm {
         let model = spherecal_model::robots::built_in("iiwa7").expect("built in");
@@ -181,7 +209,7 @@ mod tests {
     }
 
     // Fails if a run gets a file of another run, of another database with the same number, of run 10
-    // for run 1, or loses a piece; or if a piece replaces another.
+    // for run 1, or loses a piece; if a piece replaces another; or if a file of an earlier version is taken for one of now.
     #[test]
     fn each_run_has_its_own_files() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -204,10 +232,16 @@ mod tests {
         assert_eq!(files_of_run(folder, &two), [second]);
         assert_eq!(files_of_run(folder, &ten), [tenth]);
         assert!(files_of_run(folder, &key(3, "d")).is_empty());
-        assert_eq!(
-            files_without_run(folder),
-            ["telemetry.mcap", "telemetry-2.mcap"].map(|name| folder.join(name))
-        );
+        // A run of an earlier version.
+        let path = free_name(folder, 10);
+        let mut writer = WriteOptions::new()
+            .profile("")
+            .create(File::create(&path).expect("made"));
+        writer.as_mut().expect("a writer").finish().expect("closed");
+        assert_eq!(files_of_run(folder, &ten), [folder.join("telemetry-run-10.mcap")]);
+        let old = ["telemetry-run-10-2.mcap", "telemetry.mcap", "telemetry-2.mcap"].map(|name| folder.join(name));
+        assert_eq!(files_of_earlier_versions(folder, &ten), old);
+        assert_eq!(files_of_earlier_versions(folder, &one), old[1..]);
     }
 
     // Fails if a file that ends before its first sample counts, if one that names no run is refused,

@@ -4,29 +4,32 @@
 //! |---|---|---|
 //! | `/events` | [`EventMessage`] | each event of the controller but telemetry and statistics |
 //! | `/faults` | [`FaultMessage`] | each fault: its name, the phase, value and limit, and the same in words |
+//! | `/contact` | [`ContactPoint`] | for each recording: the TCP is at (0, 0, 0) of the frame `sphere_N` |
 //! | `/log` | [`LogMessage`] | faults and remarks of the host, as lines of text |
 
 use serde::Serialize;
-use serde_json::{Value, json};
-use spherecal_shared::protocol::host::{Event, Fault, FaultReport, Phase};
+use serde_json::Value;
+use spherecal_shared::protocol::host::{Event, FaultReport, Recording};
 
-use super::messages::{Stamp, TelemetryMessage};
+use super::messages::{Xyz, name_of};
+use super::ros::{Header, RosMessage, Time};
+use super::utc::Moment;
 use crate::words::describe;
 
-/// An event of the controller.
+/// An event of the controller: `spherecal_msgs/msg/Event`.
 #[derive(Clone, Debug, Serialize)]
 pub struct EventMessage {
     /// Time, UTC.
-    pub timestamp: Stamp,
+    pub stamp: Time,
     /// Name of the event, as the host protocol has it.
     pub kind: String,
-    /// Its fields, as the host protocol has them.
-    pub data: Value,
+    /// Its fields, as the host protocol has them, in JSON.
+    pub data: String,
 }
 
 impl EventMessage {
     /// From an event. `None` for telemetry and statistics, which have many.
-    pub(super) fn new(timestamp: Stamp, event: &Event) -> Option<Self> {
+    pub(super) fn new(utc_ns: u64, event: &Event) -> Option<Self> {
         if matches!(event, Event::Telemetry(_) | Event::Statistics(_)) {
             return None;
         }
@@ -35,27 +38,30 @@ impl EventMessage {
             return None;
         };
         let (kind, data) = fields.into_iter().next()?;
-        Some(Self { timestamp, kind, data })
+        Some(Self {
+            stamp: Time::from_ns(utc_ns),
+            kind,
+            data: data.to_string(),
+        })
     }
 }
 
-impl TelemetryMessage for EventMessage {
+impl RosMessage for EventMessage {
     const TOPIC: &'static str = "/events";
-    const SCHEMA: &'static str = "spherecal.Event";
-    fn properties() -> Value {
-        json!({ "timestamp": Stamp::schema(), "kind": { "type": "string" }, "data": { "type": "object" } })
-    }
+    const TYPE: &'static str = "spherecal_msgs/msg/Event";
+    const FIELDS: &'static str = "builtin_interfaces/Time stamp\nstring kind\nstring data\n";
+    const PARTS: &'static [&'static str] = &["builtin_interfaces/Time"];
 }
 
-/// A fault.
+/// A fault: `spherecal_msgs/msg/Fault`.
 #[derive(Clone, Debug, Serialize)]
 pub struct FaultMessage {
     /// Time, UTC.
-    pub timestamp: Stamp,
-    /// The fault.
-    pub fault: Fault,
-    /// The phase in which it happened.
-    pub phase: Phase,
+    pub stamp: Time,
+    /// Name of the fault, as the host protocol has it.
+    pub fault: String,
+    /// Name of the phase in which it happened.
+    pub phase: String,
     /// Joint concerned, from 1; 0 for none.
     pub joint: u8,
     /// The value beyond the limit, in SI units.
@@ -68,11 +74,11 @@ pub struct FaultMessage {
 
 impl FaultMessage {
     /// From a report.
-    pub(super) fn new(timestamp: Stamp, report: &FaultReport) -> Self {
+    pub(super) fn new(utc_ns: u64, report: &FaultReport) -> Self {
         Self {
-            timestamp,
-            fault: report.fault,
-            phase: report.phase,
+            stamp: Time::from_ns(utc_ns),
+            fault: name_of(report.fault),
+            phase: name_of(report.phase),
             joint: report.joint,
             value: report.value,
             limit: report.limit,
@@ -81,62 +87,91 @@ impl FaultMessage {
     }
 }
 
-impl TelemetryMessage for FaultMessage {
+impl RosMessage for FaultMessage {
     const TOPIC: &'static str = "/faults";
-    const SCHEMA: &'static str = "spherecal.Fault";
-    fn properties() -> Value {
-        let (text, number) = (json!({ "type": "string" }), json!({ "type": "number" }));
-        json!({ "timestamp": Stamp::schema(), "fault": text, "phase": text, "joint": { "type": "integer" },
-                "value": number, "limit": number, "text": text })
+    const TYPE: &'static str = "spherecal_msgs/msg/Fault";
+    const FIELDS: &'static str = "builtin_interfaces/Time stamp\nstring fault\nstring phase\nuint8 joint\n\
+                                  float64 value\nfloat64 limit\nstring text\n";
+    const PARTS: &'static [&'static str] = &["builtin_interfaces/Time"];
+}
+
+/// A contact that was recorded: `geometry_msgs/msg/PointStamped`.
+#[derive(Clone, Debug, Serialize)]
+pub struct ContactPoint {
+    /// Middle of the recording, and the frame of the sphere.
+    header: Header<'static>,
+    /// The TCP in that frame: its origin.
+    point: Xyz,
+}
+
+impl ContactPoint {
+    /// From a recording; `at` ties its device times to UTC.
+    pub(super) fn new(at: Moment, recording: &Recording) -> Self {
+        let middle_us = recording.start_us.midpoint(recording.end_us);
+        Self {
+            header: Header {
+                stamp: Time::from_ns(at.utc_ns_of(middle_us)),
+                frame_id: format!("sphere_{}", recording.sphere).into(),
+            },
+            point: Xyz::default(),
+        }
     }
 }
 
-/// How much a line of the log matters: the numbers of `foxglove.Log`.
+impl RosMessage for ContactPoint {
+    const TOPIC: &'static str = "/contact";
+    const TYPE: &'static str = "geometry_msgs/msg/PointStamped";
+    const FIELDS: &'static str = "std_msgs/Header header\ngeometry_msgs/Point point\n";
+    const PARTS: &'static [&'static str] = &["std_msgs/Header", "builtin_interfaces/Time", "geometry_msgs/Point"];
+}
+
+/// How much a line of the log matters: the numbers of `rcl_interfaces/msg/Log`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
     /// A remark.
-    Info = 2,
+    Info = 20,
     /// A fault.
-    Error = 4,
+    Error = 40,
 }
 
-/// The shape of `foxglove.Log`.
+/// A line of text: `rcl_interfaces/msg/Log`.
 #[derive(Clone, Debug, Serialize)]
-pub struct LogMessage {
+pub struct LogMessage<'a> {
     /// Time, UTC.
-    pub timestamp: Stamp,
+    pub stamp: Time,
     /// Number of its [`Level`].
     pub level: u8,
-    /// The line.
-    pub message: String,
     /// Who wrote it.
     pub name: &'static str,
+    /// The line.
+    pub msg: &'a str,
     /// Source file; always empty.
     pub file: &'static str,
+    /// Function; always empty.
+    pub function: &'static str,
     /// Line of the source file; always 0.
     pub line: u32,
 }
 
-impl LogMessage {
+impl<'a> LogMessage<'a> {
     /// A line.
-    pub(super) fn new(timestamp: Stamp, level: Level, message: &str) -> Self {
+    pub(super) fn new(utc_ns: u64, level: Level, line: &'a str) -> Self {
         Self {
-            timestamp,
+            stamp: Time::from_ns(utc_ns),
             level: level as u8,
-            message: message.to_owned(),
             name: "spherecal",
+            msg: line,
             file: "",
+            function: "",
             line: 0,
         }
     }
 }
 
-impl TelemetryMessage for LogMessage {
+impl RosMessage for LogMessage<'_> {
     const TOPIC: &'static str = "/log";
-    const SCHEMA: &'static str = "foxglove.Log";
-    fn properties() -> Value {
-        let (text, whole) = (json!({ "type": "string" }), json!({ "type": "integer" }));
-        json!({ "timestamp": Stamp::schema(), "level": whole, "message": text, "name": text, "file": text,
-                "line": whole })
-    }
+    const TYPE: &'static str = "rcl_interfaces/msg/Log";
+    const FIELDS: &'static str = "builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\n\
+                                  string function\nuint32 line\n";
+    const PARTS: &'static [&'static str] = &["builtin_interfaces/Time"];
 }

@@ -1,269 +1,271 @@
-//! The signals of a telemetry file. The writer and the reader use these types, and no other
-//! description of a message exists. [`scene`](super::scene) has the frames of the arm,
-//! [`log`](super::log) what happened.
+//! The signals of a telemetry file: messages of ROS 2. The writer and the reader use these types.
+//! [`scene`](super::scene) has the frames of the arm, [`log`](super::log) what happened.
 //!
 //! | topic | type | message |
 //! |---|---|---|
-//! | `/joint_states` | [`JointStates`] | names, position (rad), velocity (rad/s), effort (measured, N m), command (N m) |
-//! | `/wrench` | [`StampedWrench`] | estimated force (N) and torque (N m) of the environment at the TCP, axes of F0 |
-//! | `/tcp` | [`Tcp`] | computed TCP with its orientation, and commanded position, in F0 (m) |
-//! | `/phase` | [`PhaseState`] | phase of the procedure, by name and number, flags, and device time |
+//! | `/joint_states` | [`JointState`] | names, position (rad), velocity (rad/s), effort (measured, N m) |
+//! | `/wrench` | [`WrenchStamped`] | estimated force (N) and torque (N m) of the environment at the TCP, axes of F0 |
+//! | `/control` | [`Control`] | commanded torques (N m), computed and commanded TCP in F0 (m) |
+//! | `/wrench_uncertainty` | [`Uncertainty`] | standard uncertainty of `/wrench`, which depends on the posture alone |
+//! | `/phase` | [`PhaseState`] | phase of the procedure, flags, and device time |
 //!
-//! Times are UTC; the module `utc` ties them to device time.
+//! The first three have one message for each sample. `/joint_states` is the last of them, so a sample that has it is
+//! complete. Times are UTC; the module `utc` ties them to device time.
 //!
-//! The fields follow `sensor_msgs/JointState`, `geometry_msgs/WrenchStamped` and
-//! `foxglove.PoseInFrame`, so that panels made for those find them. JSON has no
-//! NaN: a number that is not finite is written as `null` and read as NaN.
+//! Numbers are rounded to multiples of powers of two, so that their low bytes are zero and compress. Each step is less than
+//! half of what good sensors tell: encoders 1.5e-6 rad, torque sensors 5e-3 N m.
 
 use std::borrow::Cow;
 
-use serde::{Deserialize, Deserializer, Serialize};
-use serde_json::{Value, json};
-use spherecal_shared::protocol::host::{Phase, Sample};
+use nalgebra::{Matrix3, Rotation3};
+use serde::{Deserialize, Serialize};
+use spherecal_model::chain::quaternion;
+use spherecal_shared::protocol::host::Sample;
 
-use super::quaternion::Quaternion;
-use crate::force::WrenchError;
+use super::ros::{HEADER, Header, RosMessage, Time};
+use crate::force::{WrenchError, magnitude};
 
-/// A message type of the telemetry file.
-pub(super) trait TelemetryMessage: Serialize {
-    /// Topic of its channel.
-    const TOPIC: &'static str;
-    /// Name of its schema.
-    const SCHEMA: &'static str;
-    /// The properties of its JSON Schema.
-    fn properties() -> Value;
+/// 2 to the power `-bits`.
+const fn step(bits: u32) -> f64 {
+    1.0 / (1_u64 << bits) as f64
+}
+/// Step of joint angles, 0.5e-6 rad.
+const ANGLE_RAD: f64 = step(21);
+/// Step of joint velocities, 8e-6 rad/s: the encoders' resolution over a filter of 0.1 s or less.
+const VELOCITY_RAD_S: f64 = step(17);
+/// Step of torques, 2e-3 N m, of joints and of wrenches.
+const TORQUE_NM: f64 = step(9);
+/// Step of forces, 8e-3 N: the torques' step on a lever of 0.25 m.
+const FORCE_N: f64 = step(7);
+/// Step of positions, 0.5e-6 m, and, in 1, of the numbers of a quaternion.
+const POSITION_M: f64 = step(21);
+/// Step of the distance between computed and commanded TCP, 4e-3 mm, which plots show.
+const DISTANCE_MM: f64 = step(8);
 
-    /// Its JSON Schema.
-    fn schema() -> Value {
-        json!({ "$schema": "https://json-schema.org/draft/2020-12/schema", "title": Self::SCHEMA, "type": "object",
-                "properties": Self::properties() })
-    }
+/// A number rounded to a multiple of `step`, a power of two.
+fn rounded(x: impl Into<f64>, step: f64) -> f64 {
+    (x.into() / step).round() * step
 }
 
-/// A time, since 1970 (UTC) or since the controller's start.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Stamp {
-    /// Whole seconds.
-    pub sec: u64,
-    /// The rest, in ns.
-    pub nsec: u32,
-}
-
-impl Stamp {
-    /// From a time in ns.
-    pub const fn from_ns(time_ns: u64) -> Self {
-        Self {
-            sec: time_ns / 1_000_000_000,
-            nsec: (time_ns % 1_000_000_000) as u32,
-        }
-    }
-
-    /// The time, in ns.
-    pub const fn time_ns(&self) -> u64 {
-        self.sec.saturating_mul(1_000_000_000).saturating_add(self.nsec as u64)
-    }
-
-    pub(super) fn schema() -> Value {
-        json!({ "type": "object", "title": "time",
-                "properties": { "sec": { "type": "integer" }, "nsec": { "type": "integer" } } })
-    }
-}
-
-/// A vector along the axes of F0.
+/// A vector or a point: `geometry_msgs/msg/Vector3`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Xyz {
     /// Along x.
-    #[serde(deserialize_with = "number")]
+    pub x: f64,
+    /// Along y.
+    pub y: f64,
+    /// Along z.
+    pub z: f64,
+}
+
+impl Xyz {
+    fn new<T: Into<f64> + Copy>([x, y, z]: [T; 3], step: f64) -> Self {
+        let [x, y, z] = [x, y, z].map(|v| rounded(v, step));
+        Self { x, y, z }
+    }
+
+    /// A position, in m.
+    pub(super) fn position(v: nalgebra::Vector3<f64>) -> Self {
+        Self::new([v.x, v.y, v.z], POSITION_M)
+    }
+}
+
+/// A point in single precision, in m: `geometry_msgs/msg/Point32`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Point32 {
+    /// Along x.
     pub x: f32,
     /// Along y.
-    #[serde(deserialize_with = "number")]
     pub y: f32,
     /// Along z.
-    #[serde(deserialize_with = "number")]
     pub z: f32,
 }
 
-impl From<[f32; 3]> for Xyz {
-    fn from([x, y, z]: [f32; 3]) -> Self {
+impl From<[f32; 3]> for Point32 {
+    fn from(v: [f32; 3]) -> Self {
+        let [x, y, z] = v.map(|v| rounded(v, POSITION_M) as f32);
         Self { x, y, z }
     }
 }
 
-impl Xyz {
-    fn schema() -> Value {
-        json!({ "type": "object", "properties": {
-                "x": { "type": "number" }, "y": { "type": "number" }, "z": { "type": "number" } } })
+/// A unit quaternion: `geometry_msgs/msg/Quaternion`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Quaternion {
+    /// Its x part.
+    pub x: f64,
+    /// Its y part.
+    pub y: f64,
+    /// Its z part.
+    pub z: f64,
+    /// Its real part; not negative.
+    pub w: f64,
+}
+
+impl From<&Matrix3<f64>> for Quaternion {
+    fn from(rotation: &Matrix3<f64>) -> Self {
+        let parts = quaternion(&Rotation3::from_matrix_unchecked(*rotation));
+        let [w, x, y, z] = parts.map(|part| rounded(part, POSITION_M));
+        Self { x, y, z, w }
     }
 }
 
-/// The state of all joints.
+/// The state of all joints: `sensor_msgs/msg/JointState`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct JointStates<'a> {
-    /// Time, UTC.
-    pub timestamp: Stamp,
+pub struct JointState<'a> {
+    /// Time; joints have no frame.
+    pub header: Header<'a>,
     /// Names of the joints, base to flange.
     pub name: Cow<'a, [String]>,
     /// Joint angles, in rad.
-    #[serde(deserialize_with = "numbers")]
-    pub position: Cow<'a, [f32]>,
+    pub position: Vec<f64>,
     /// Joint velocities, in rad/s.
-    #[serde(deserialize_with = "numbers")]
-    pub velocity: Cow<'a, [f32]>,
+    pub velocity: Vec<f64>,
     /// Measured torques, in N m.
-    #[serde(deserialize_with = "numbers")]
-    pub effort: Cow<'a, [f32]>,
-    /// Commanded torques, in N m.
-    #[serde(deserialize_with = "numbers")]
-    pub command: Cow<'a, [f32]>,
+    pub effort: Vec<f64>,
 }
 
-impl<'a> JointStates<'a> {
+impl<'a> JointState<'a> {
     /// From a sample of an arm with the named joints.
-    pub(super) fn new(timestamp: Stamp, names: &'a [String], sample: &'a Sample) -> Self {
-        let n = names.len().min(sample.q.len());
+    pub(super) fn new(utc_ns: u64, names: &'a [String], sample: &Sample) -> Self {
+        let of = |values: &[f32], step| values.iter().take(names.len()).map(|x| rounded(*x, step)).collect();
         Self {
-            timestamp,
+            header: Header::new(utc_ns, ""),
             name: names.into(),
-            position: sample.q[..n].into(),
-            velocity: sample.dq[..n].into(),
-            effort: sample.tau[..n].into(),
-            command: sample.command[..n].into(),
+            position: of(&sample.q, ANGLE_RAD),
+            velocity: of(&sample.dq, VELOCITY_RAD_S),
+            effort: of(&sample.tau, TORQUE_NM),
         }
     }
 }
 
-impl TelemetryMessage for JointStates<'_> {
+impl RosMessage for JointState<'_> {
     const TOPIC: &'static str = "/joint_states";
-    const SCHEMA: &'static str = "sensor_msgs/JointState";
-    fn properties() -> Value {
-        let numbers = json!({ "type": "array", "items": { "type": "number" } });
-        json!({ "timestamp": Stamp::schema(), "name": { "type": "array", "items": { "type": "string" } },
-                "position": numbers, "velocity": numbers, "effort": numbers, "command": numbers })
-    }
+    const TYPE: &'static str = "sensor_msgs/msg/JointState";
+    const FIELDS: &'static str =
+        "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n";
+    const PARTS: &'static [&'static str] = HEADER;
 }
 
-/// Estimated force and torque of the environment on the arm at the TCP.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct StampedWrench<'a> {
-    /// Time, UTC.
-    pub timestamp: Stamp,
-    /// Name of the frame whose axes are used.
-    pub frame_id: Cow<'a, str>,
-    /// Magnitude of the force, in N.
-    #[serde(deserialize_with = "number")]
-    pub magnitude: f32,
-    /// Force and torque.
-    pub wrench: ForceTorque,
-    /// Their standard uncertainties, from the errors of the torque sensors; older files have none.
-    #[serde(default)]
-    pub uncertainty: Option<ForceTorque>,
-}
-
-/// A force and a torque.
+/// A force and a torque: `geometry_msgs/msg/Wrench`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct ForceTorque {
+pub struct Wrench {
     /// Force, in N.
     pub force: Xyz,
     /// Torque about the TCP, in N m.
     pub torque: Xyz,
 }
 
-impl<'a> StampedWrench<'a> {
-    /// From a sample and how well its torques tell the wrench; `f0` is the name of F0.
-    pub(super) fn new(timestamp: Stamp, f0: &'a str, sample: &Sample, error: &WrenchError) -> Self {
+impl Wrench {
+    fn new(force_n: [f32; 3], torque_nm: [f32; 3]) -> Self {
         Self {
-            timestamp,
-            frame_id: f0.into(),
-            magnitude: length(sample.force_n),
-            wrench: ForceTorque {
-                force: sample.force_n.into(),
-                torque: sample.torque_nm.into(),
-            },
-            uncertainty: Some(ForceTorque {
-                force: error.force_n.into(),
-                torque: error.torque_nm.into(),
-            }),
+            force: Xyz::new(force_n, FORCE_N),
+            torque: Xyz::new(torque_nm, TORQUE_NM),
         }
     }
 }
 
-impl TelemetryMessage for StampedWrench<'_> {
-    const TOPIC: &'static str = "/wrench";
-    const SCHEMA: &'static str = "geometry_msgs/WrenchStamped";
-    fn properties() -> Value {
-        let wrench = json!({ "type": "object", "properties": { "force": Xyz::schema(), "torque": Xyz::schema() } });
-        json!({ "timestamp": Stamp::schema(), "frame_id": { "type": "string" }, "magnitude": { "type": "number" },
-                "wrench": wrench, "uncertainty": wrench })
-    }
-}
-
-/// Computed and commanded TCP.
+/// Estimated force and torque of the environment on the arm at the TCP: `geometry_msgs/msg/WrenchStamped`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Tcp<'a> {
-    /// Time, UTC.
-    pub timestamp: Stamp,
-    /// Name of the frame that positions are in.
-    pub frame_id: Cow<'a, str>,
-    /// Computed position, from the controller, and orientation, from the joint angles and the
-    /// nominal robot.
-    pub pose: PositionAndOrientation,
-    /// Commanded position, in m.
-    pub setpoint: Xyz,
-    /// Distance of the computed position from the commanded one, in mm.
-    #[serde(deserialize_with = "number")]
-    pub deviation_mm: f32,
+pub struct WrenchStamped<'a> {
+    /// Time, and the frame F0.
+    pub header: Header<'a>,
+    /// Force and torque.
+    pub wrench: Wrench,
 }
 
-/// The shape of `foxglove.Pose`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct PositionAndOrientation {
-    /// Position, in m.
-    pub position: Xyz,
-    /// Orientation.
-    pub orientation: Quaternion,
-}
-
-impl<'a> Tcp<'a> {
+impl<'a> WrenchStamped<'a> {
     /// From a sample; `f0` is the name of F0.
-    pub(super) fn new(timestamp: Stamp, f0: &'a str, sample: &Sample, orientation: Quaternion) -> Self {
-        let deviation_m: [f32; 3] = core::array::from_fn(|k| sample.tcp_m[k] - sample.setpoint_m[k]);
+    pub(super) fn new(utc_ns: u64, f0: &'a str, sample: &Sample) -> Self {
         Self {
-            timestamp,
-            frame_id: f0.into(),
-            pose: PositionAndOrientation {
-                position: sample.tcp_m.into(),
-                orientation,
-            },
-            setpoint: sample.setpoint_m.into(),
-            deviation_mm: 1e3 * length(deviation_m),
+            header: Header::new(utc_ns, f0),
+            wrench: Wrench::new(sample.force_n, sample.torque_nm),
         }
     }
 }
 
-impl TelemetryMessage for Tcp<'_> {
-    const TOPIC: &'static str = "/tcp";
-    const SCHEMA: &'static str = "foxglove.PoseInFrame";
-    fn properties() -> Value {
-        let number = json!({ "type": "number" });
-        let orientation = json!({ "type": "object",
-                                  "properties": { "x": number, "y": number, "z": number, "w": number } });
-        let pose = json!({ "type": "object", "title": "foxglove.Pose",
-                           "properties": { "position": Xyz::schema(), "orientation": orientation } });
-        json!({ "timestamp": Stamp::schema(), "frame_id": { "type": "string" }, "pose": pose,
-                "setpoint": Xyz::schema(), "deviation_mm": number })
+impl RosMessage for WrenchStamped<'_> {
+    const TOPIC: &'static str = "/wrench";
+    const TYPE: &'static str = "geometry_msgs/msg/WrenchStamped";
+    const FIELDS: &'static str = "std_msgs/Header header\ngeometry_msgs/Wrench wrench\n";
+    const PARTS: &'static [&'static str] = &[
+        "std_msgs/Header",
+        "builtin_interfaces/Time",
+        "geometry_msgs/Wrench",
+        "geometry_msgs/Vector3",
+    ];
+}
+
+/// How well the torque sensors tell the wrench, as standard uncertainties: `geometry_msgs/msg/WrenchStamped`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Uncertainty<'a>(pub WrenchStamped<'a>);
+
+impl<'a> Uncertainty<'a> {
+    pub(super) fn new(utc_ns: u64, f0: &'a str, error: &WrenchError) -> Self {
+        Self(WrenchStamped {
+            header: Header::new(utc_ns, f0),
+            wrench: Wrench::new(error.force_n, error.torque_nm),
+        })
     }
 }
 
-/// The phase of the procedure, and the flags of the control loop.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+impl RosMessage for Uncertainty<'_> {
+    const TOPIC: &'static str = "/wrench_uncertainty";
+    const TYPE: &'static str = WrenchStamped::TYPE;
+    const FIELDS: &'static str = WrenchStamped::FIELDS;
+    const PARTS: &'static [&'static str] = WrenchStamped::PARTS;
+}
+
+/// What the control loop commands, and where the TCP is: `spherecal_msgs/msg/Control`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Control<'a> {
+    /// Time, and the frame F0.
+    pub header: Header<'a>,
+    /// Commanded torques, base to flange, in N m.
+    pub command: Vec<f32>,
+    /// Computed position of the TCP, in m.
+    pub tcp: Point32,
+    /// Commanded position of the TCP, in m.
+    pub setpoint: Point32,
+    /// Distance of the computed position from the commanded one, in mm.
+    pub deviation_mm: f32,
+    /// Magnitude of the estimated force, in N.
+    pub force_n: f32,
+}
+
+impl<'a> Control<'a> {
+    /// From a sample of an arm with `joints` joints; `f0` is the name of F0.
+    pub(super) fn new(utc_ns: u64, f0: &'a str, joints: usize, sample: &Sample) -> Self {
+        let command = sample.command.iter().take(joints);
+        let deviation_m: [f32; 3] = core::array::from_fn(|k| sample.tcp_m[k] - sample.setpoint_m[k]);
+        let deviation_mm = 1e3 * deviation_m.iter().map(|x| x * x).sum::<f32>().sqrt();
+        Self {
+            header: Header::new(utc_ns, f0),
+            command: command.map(|x| rounded(*x, TORQUE_NM) as f32).collect(),
+            tcp: sample.tcp_m.into(),
+            setpoint: sample.setpoint_m.into(),
+            deviation_mm: rounded(deviation_mm, DISTANCE_MM) as f32,
+            force_n: rounded(magnitude(sample), FORCE_N) as f32,
+        }
+    }
+}
+
+impl RosMessage for Control<'_> {
+    const TOPIC: &'static str = "/control";
+    const TYPE: &'static str = "spherecal_msgs/msg/Control";
+    const FIELDS: &'static str = "std_msgs/Header header\nfloat32[] command\ngeometry_msgs/Point32 tcp\n\
+                                  geometry_msgs/Point32 setpoint\nfloat32 deviation_mm\nfloat32 force_n\n";
+    const PARTS: &'static [&'static str] = &["std_msgs/Header", "builtin_interfaces/Time", "geometry_msgs/Point32"];
+}
+
+/// The phase of the procedure, and the flags of the control loop: `spherecal_msgs/msg/Phase`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PhaseState {
     /// Time, UTC.
-    pub timestamp: Stamp,
-    /// The phase.
-    pub phase: Phase,
-    /// Device time since the controller's start; older files have none.
-    #[serde(default)]
-    pub device_time: Option<Stamp>,
+    pub stamp: Time,
+    /// Device time since the controller's start, in µs.
+    pub device_us: u64,
+    /// Name of the phase.
+    pub phase: String,
     /// Number of the phase, for plots.
     pub number: u8,
     /// Whether a torque is saturated.
@@ -275,12 +277,12 @@ pub struct PhaseState {
 }
 
 impl PhaseState {
-    /// From a sample that was taken at the given device time.
-    pub(super) fn new(timestamp: Stamp, device_time: Stamp, sample: &Sample) -> Self {
+    /// From a sample that was taken at the given times.
+    pub(super) fn new(utc_ns: u64, device_us: u64, sample: &Sample) -> Self {
         Self {
-            timestamp,
-            phase: sample.phase,
-            device_time: Some(device_time),
+            stamp: Time::from_ns(utc_ns),
+            device_us,
+            phase: name_of(sample.phase),
             number: sample.phase as u8,
             saturated: sample.flags & 1 != 0,
             rate_limited: sample.flags & 2 != 0,
@@ -289,27 +291,18 @@ impl PhaseState {
     }
 }
 
-impl TelemetryMessage for PhaseState {
+impl RosMessage for PhaseState {
     const TOPIC: &'static str = "/phase";
-    const SCHEMA: &'static str = "spherecal.Phase";
-    fn properties() -> Value {
-        let flag = json!({ "type": "boolean" });
-        json!({ "timestamp": Stamp::schema(), "phase": { "type": "string" }, "device_time": Stamp::schema(),
-                "number": { "type": "integer" }, "saturated": flag, "rate_limited": flag, "near_singular": flag })
+    const TYPE: &'static str = "spherecal_msgs/msg/Phase";
+    const FIELDS: &'static str = "builtin_interfaces/Time stamp\nuint64 device_us\nstring phase\nuint8 number\n\
+                                  bool saturated\nbool rate_limited\nbool near_singular\n";
+    const PARTS: &'static [&'static str] = &["builtin_interfaces/Time"];
+}
+
+/// The name of a phase or a fault, as the host protocol has it.
+pub(super) fn name_of(value: impl Serialize) -> String {
+    match serde_json::to_value(value) {
+        Ok(serde_json::Value::String(name)) => name,
+        _ => String::new(),
     }
-}
-
-fn length(v: [f32; 3]) -> f32 {
-    v.iter().map(|x| x * x).sum::<f32>().sqrt()
-}
-
-/// Reads `null` as NaN.
-fn number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f32, D::Error> {
-    Ok(Option::deserialize(deserializer)?.unwrap_or(f32::NAN))
-}
-
-/// Reads each `null` as NaN.
-fn numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Cow<'static, [f32]>, D::Error> {
-    let values = Vec::<Option<f32>>::deserialize(deserializer)?;
-    Ok(values.into_iter().map(|x| x.unwrap_or(f32::NAN)).collect())
 }

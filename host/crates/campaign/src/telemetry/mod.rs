@@ -2,7 +2,7 @@
 //! the force trace of every contact.
 //!
 //! ```text
-//!   Event ─▶ TelemetryRecorder ─┬─▶ messages ─▶ TelemetryWriter ─▶ telemetry-run-N.mcap ─▶ TelemetryReader
+//!   Event ─▶ TelemetryRecorder ─┬─▶ Thinning ─▶ TelemetryWriter ─▶ telemetry-run-N.mcap ─▶ TelemetryReader
 //!                               └─▶ ContactTracer ─▶ ContactTrace
 //! ```
 //!
@@ -15,17 +15,17 @@ mod contact;
 mod files;
 pub mod log;
 pub mod messages;
-mod quaternion;
 mod reader;
 mod recorder;
+pub mod ros;
 pub mod scene;
+mod thinning;
 mod utc;
 mod writer;
 
 pub use contact::{ContactTrace, ContactTracer};
-pub use files::{RunKey, files_of_run, files_without_run};
-pub use quaternion::Quaternion;
-pub use reader::{Period, Recorded, TelemetryReader, Torn};
+pub use files::{RunKey, files_of_earlier_versions, files_of_run};
+pub use reader::{Period, TelemetryMessage, TelemetryMessages, TelemetryReader, Torn};
 pub use recorder::TelemetryRecorder;
 pub use scene::DrawnArm;
 pub use utc::Moment;

@@ -1,61 +1,34 @@
-//! Reads a telemetry file that the writer wrote, sample by sample.
+//! Reads a telemetry file that the writer wrote, message by message or sample by sample.
 
-use mcap::McapError;
+use std::sync::Arc;
+
 use mcap::read::ChannelAccumulator;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use serde::Deserialize;
+use mcap::{Channel, McapError};
 use serde::de::DeserializeOwned;
-use serde_json::Value;
 
-use super::log::EventMessage;
-use super::messages::{JointStates, PhaseState, StampedWrench, Tcp, TelemetryMessage as _};
-use super::scene::FrameTransforms;
+use super::messages::{Control, JointState, PhaseState, Uncertainty, Wrench, WrenchStamped};
+use super::ros::RosMessage;
 use super::writer::TelemetryError;
 
-/// The messages of one control period. A message that the file lacks is `None`.
+/// One sample of the control loop. What the file lacks is `None`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Period {
-    /// UTC, in ns since 1970. Device time in files of programs before version 0.2, which had no UTC.
+    /// UTC, in ns since 1970.
     pub utc_ns: u64,
-    /// Joints.
-    pub joint_states: Option<JointStates<'static>>,
-    /// Force and torque.
-    pub wrench: Option<StampedWrench<'static>>,
-    /// TCP.
-    pub tcp: Option<Tcp<'static>>,
-    /// Phase and flags.
-    pub phase: Option<PhaseState>,
-    /// Frames of the arm, which few periods have.
-    pub frames: Option<FrameTransforms<'static>>,
-    /// Recordings that were completed: few periods have one.
-    pub recorded: Vec<Recorded>,
-}
-
-/// A completed recording: the nest sat on a sphere.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-pub struct Recorded {
-    /// Id of the sphere.
-    pub sphere: u32,
-    /// Device time of the first sample, in us.
-    pub start_us: u64,
-    /// Device time of the last sample, in us.
-    pub end_us: u64,
-}
-
-/// An event of the controller, as far as the reader needs it.
-#[derive(Deserialize)]
-struct EventRead {
-    kind: String,
-    data: Value,
-}
-
-impl Period {
     /// Device time since the controller's start, in ns.
-    pub fn device_ns(&self) -> u64 {
-        let told = self.phase.and_then(|phase| phase.device_time);
-        told.map_or(self.utc_ns, |time| time.time_ns())
-    }
+    pub device_ns: u64,
+    /// Joints.
+    pub joints: JointState<'static>,
+    /// Force and torque.
+    pub wrench: Option<Wrench>,
+    /// Standard uncertainties of both, at the latest posture that has them.
+    pub uncertainty: Option<Wrench>,
+    /// Commanded torques, and TCP.
+    pub control: Option<Control<'static>>,
+    /// Phase and flags, as they were told last.
+    pub phase: Option<PhaseState>,
 }
 
 /// The longest record that is read, in bytes. A chunk of the writer has 1 MiB. The limit keeps a
@@ -63,23 +36,6 @@ impl Period {
 const LONGEST_RECORD: usize = 64 << 20;
 /// The last bytes of a whole file.
 const END: &[u8] = mcap::MAGIC;
-
-/// Iterates over the control periods of a telemetry file, in the file's order.
-///
-/// The messages of one control period follow each other and have one time. A
-/// message on a topic that this program does not write is skipped. Every chunk is
-/// compared with its checksum before its first message is read.
-///
-/// A file whose writer was killed ends in the middle of a record, or with an open chunk, whose length is not
-/// known yet. Its whole chunks are read, and then [`torn`](Self::torn) counts them. Any other damage is an error.
-pub struct TelemetryReader<'a> {
-    rest: &'a [u8],
-    records: LinearReader,
-    channels: ChannelAccumulator<'static>,
-    period: Option<Period>,
-    ended: bool,
-    torn: Option<Torn>,
-}
 
 /// What is read of a file whose writer was killed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -105,14 +61,40 @@ fn whole_records(bytes: &[u8]) -> usize {
     at
 }
 
-/// A message with the topic of its channel.
-struct TopicMessage {
-    topic: String,
-    time_ns: u64,
-    data: Vec<u8>,
+/// A message of a telemetry file.
+#[derive(Clone, Debug)]
+pub struct TelemetryMessage {
+    /// Its topic and its type.
+    pub channel: Arc<Channel<'static>>,
+    /// UTC, in ns since 1970.
+    pub utc_ns: u64,
+    /// The message, in CDR.
+    pub data: Vec<u8>,
 }
 
-impl<'a> TelemetryReader<'a> {
+impl TelemetryMessage {
+    fn decode<M: RosMessage + DeserializeOwned>(&self) -> Result<M, TelemetryError> {
+        cdr::deserialize(&self.data).map_err(|cause| TelemetryError::Decode {
+            topic: self.channel.topic.clone(),
+            cause,
+        })
+    }
+}
+
+/// Iterates over the messages of a telemetry file, in the file's order. Every chunk is compared with its checksum before
+/// its first message is read.
+///
+/// A file whose writer was killed ends in the middle of a record, or with an open chunk, whose length is not
+/// known yet. Its whole chunks are read, and then [`torn`](Self::torn) counts them. Any other damage is an error.
+pub struct TelemetryMessages<'a> {
+    rest: &'a [u8],
+    records: LinearReader,
+    channels: ChannelAccumulator<'static>,
+    ended: bool,
+    torn: Option<Torn>,
+}
+
+impl<'a> TelemetryMessages<'a> {
     /// Over the bytes of a file.
     ///
     /// # Errors
@@ -131,7 +113,6 @@ impl<'a> TelemetryReader<'a> {
             rest: bytes.get(..whole).unwrap_or(bytes),
             records: LinearReader::new_with_options(options),
             channels: ChannelAccumulator::default(),
-            period: None,
             ended: false,
             torn: (!closed).then_some(Torn {
                 periods: 0,
@@ -147,7 +128,7 @@ impl<'a> TelemetryReader<'a> {
     }
 
     /// The next message of the file; `None` at its end.
-    fn message(&mut self) -> Result<Option<TopicMessage>, McapError> {
+    fn message(&mut self) -> Result<Option<TelemetryMessage>, McapError> {
         while let Some(event) = self.records.next_event() {
             let (opcode, data) = match event? {
                 LinearReadEvent::ReadRequest(wanted) => {
@@ -169,9 +150,9 @@ impl<'a> TelemetryReader<'a> {
                 Record::Channel(channel) => self.channels.add_channel(channel)?,
                 Record::Message { header, data } => {
                     let unknown = McapError::UnknownChannel(header.sequence, header.channel_id);
-                    return Ok(Some(TopicMessage {
-                        topic: self.channels.get(header.channel_id).ok_or(unknown)?.topic.clone(),
-                        time_ns: header.log_time,
+                    return Ok(Some(TelemetryMessage {
+                        channel: self.channels.get(header.channel_id).ok_or(unknown)?,
+                        utc_ns: header.log_time,
                         data: data.into_owned(),
                     }));
                 }
@@ -181,82 +162,124 @@ impl<'a> TelemetryReader<'a> {
         Ok(None)
     }
 
-    /// Takes one message. Returns the period before it, if it begins the next.
-    fn take(&mut self, message: &TopicMessage) -> Result<Option<Period>, TelemetryError> {
-        let topic = message.topic.as_str();
-        let mut next = Period {
-            utc_ns: message.time_ns,
-            ..Period::default()
+    fn checked(&mut self) -> Result<Option<TelemetryMessage>, TelemetryError> {
+        let message = match self.message() {
+            Ok(message) => message,
+            Err(McapError::UnexpectedEof) if self.torn.is_some() => None,
+            Err(error) => return Err(TelemetryError::NotMcap(error)),
         };
-        let current = self.period.as_ref().is_some_and(|p| p.utc_ns == message.time_ns);
-        let target = if current {
-            self.period.get_or_insert_default()
-        } else {
-            &mut next
-        };
-        match topic {
-            JointStates::TOPIC => target.joint_states = Some(decode(topic, &message.data)?),
-            StampedWrench::TOPIC => target.wrench = Some(decode(topic, &message.data)?),
-            Tcp::TOPIC => target.tcp = Some(decode(topic, &message.data)?),
-            PhaseState::TOPIC => target.phase = Some(decode(topic, &message.data)?),
-            FrameTransforms::TOPIC => target.frames = Some(decode(topic, &message.data)?),
-            EventMessage::TOPIC => {
-                let event: EventRead = decode(topic, &message.data)?;
-                if event.kind != "Recording" {
-                    return Ok(None);
-                }
-                let recorded = Recorded::deserialize(event.data).map_err(|cause| TelemetryError::Decode {
-                    topic: topic.to_owned(),
-                    cause,
-                })?;
-                target.recorded.push(recorded);
+        if let Some(TelemetryMessage { channel, .. }) = &message {
+            if channel.message_encoding != "cdr" {
+                return Err(TelemetryError::Encoding {
+                    topic: channel.topic.clone(),
+                    encoding: channel.message_encoding.clone(),
+                });
             }
-            _ => return Ok(None),
+            if let Some(torn) = &mut self.torn
+                && channel.topic == JointState::TOPIC
+            {
+                torn.periods += 1;
+            }
         }
-        Ok(if current { None } else { self.period.replace(next) })
+        Ok(message)
     }
 }
 
-fn decode<M: DeserializeOwned>(topic: &str, data: &[u8]) -> Result<M, TelemetryError> {
-    serde_json::from_slice(data).map_err(|cause| TelemetryError::Decode {
-        topic: topic.to_owned(),
-        cause,
-    })
+impl Iterator for TelemetryMessages<'_> {
+    type Item = Result<TelemetryMessage, TelemetryError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.ended {
+            return None;
+        }
+        let next = self.checked().transpose();
+        self.ended = !matches!(next, Some(Ok(_)));
+        next
+    }
+}
+
+/// Iterates over the samples of a telemetry file, in the file's order. A message on a topic that this program does not
+/// write is skipped.
+pub struct TelemetryReader<'a> {
+    messages: TelemetryMessages<'a>,
+    wrench: Option<(u64, Wrench)>,
+    control: Option<(u64, Control<'static>)>,
+    uncertainty: Option<Wrench>,
+    /// The phase as it was told last, and when.
+    phase: Option<(u64, PhaseState)>,
+}
+
+impl<'a> TelemetryReader<'a> {
+    /// Over the bytes of a file.
+    ///
+    /// # Errors
+    /// When they do not begin as an MCAP file.
+    pub fn new(bytes: &'a [u8]) -> Result<Self, TelemetryError> {
+        Ok(Self {
+            messages: TelemetryMessages::new(bytes)?,
+            wrench: None,
+            control: None,
+            uncertainty: None,
+            phase: None,
+        })
+    }
+
+    /// As of its messages: [`TelemetryMessages::torn`].
+    pub fn torn(&self) -> Option<Torn> {
+        self.messages.torn()
+    }
+
+    /// Takes one message. Returns the sample that it completes.
+    fn take(&mut self, message: &TelemetryMessage) -> Result<Option<Period>, TelemetryError> {
+        let utc_ns = message.utc_ns;
+        match message.channel.topic.as_str() {
+            WrenchStamped::TOPIC => self.wrench = Some((utc_ns, message.decode::<WrenchStamped<'_>>()?.wrench)),
+            Uncertainty::TOPIC => self.uncertainty = Some(message.decode::<Uncertainty<'_>>()?.0.wrench),
+            Control::TOPIC => self.control = Some((utc_ns, message.decode()?)),
+            PhaseState::TOPIC => self.phase = Some((utc_ns, message.decode()?)),
+            JointState::TOPIC => {
+                let passed_ns = |(told_ns, phase): &(u64, PhaseState)| {
+                    let told_device_ns = phase.device_us.saturating_mul(1000);
+                    told_device_ns.saturating_add(utc_ns.saturating_sub(*told_ns))
+                };
+                return Ok(Some(Period {
+                    utc_ns,
+                    device_ns: self.phase.as_ref().map_or(utc_ns, passed_ns),
+                    joints: message.decode()?,
+                    wrench: self
+                        .wrench
+                        .take()
+                        .filter(|(at, _)| *at == utc_ns)
+                        .map(|(_, wrench)| wrench),
+                    uncertainty: self.uncertainty,
+                    control: self
+                        .control
+                        .take()
+                        .filter(|(at, _)| *at == utc_ns)
+                        .map(|(_, control)| control),
+                    phase: self.phase.as_ref().map(|(_, phase)| phase.clone()),
+                }));
+            }
+            _ => {}
+        }
+        Ok(None)
+    }
 }
 
 impl Iterator for TelemetryReader<'_> {
     type Item = Result<Period, TelemetryError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        while !self.ended {
-            let taken = match self.message() {
-                Ok(Some(message)) => self.take(&message),
-                // The last period may lack messages: it is left out.
-                Err(McapError::UnexpectedEof) if self.torn.is_some() => {
-                    self.ended = true;
-                    return None;
-                }
-                Err(error) => Err(TelemetryError::NotMcap(error)),
-                Ok(None) => {
-                    self.ended = true;
-                    return self.period.take().map(Ok);
-                }
+        loop {
+            let taken = match self.messages.next()? {
+                Ok(message) => self.take(&message).transpose(),
+                Err(error) => Some(Err(error)),
             };
-            match taken {
-                Ok(None) => {}
-                Ok(Some(period)) => {
-                    if let Some(torn) = &mut self.torn {
-                        torn.periods += 1;
-                    }
-                    return Some(Ok(period));
-                }
-                Err(error) => {
-                    self.ended = true;
-                    return Some(Err(error));
-                }
+            if let Some(taken) = taken {
+                self.messages.ended |= taken.is_err();
+                return Some(taken);
             }
         }
-        None
     }
 }
 

@@ -12,7 +12,8 @@ use spherecal_shared::timing::SampleClock;
 use super::contact::{ContactTrace, ContactTracer};
 use super::files::{RunKey, free_name};
 use super::scene::DrawnArm;
-use super::utc::{UtcClock, now_ns};
+use super::thinning::{Entry, Thinning};
+use super::utc::{Moment, UtcClock, now_ns};
 use super::writer::{TelemetryError, TelemetryWriter};
 use crate::{CampaignObserver, Moved, Progress};
 use spherecal_link::Arrival;
@@ -41,6 +42,7 @@ struct Recording {
     clock: SampleClock,
     /// UTC of each sample.
     utc: UtcClock,
+    thinning: Thinning,
     tracer: ContactTracer,
     traces: Vec<ContactTrace>,
 }
@@ -72,6 +74,9 @@ impl Recording {
     /// Closes the file: its path, if it is whole.
     fn finish(&mut self) -> Option<PathBuf> {
         self.traces.extend(self.tracer.finish());
+        while let Some((at, entry)) = self.thinning.rest() {
+            self.write(at, &entry);
+        }
         match self.writer.take()?.finish() {
             Ok(()) => self.path.clone(),
             Err(error) => {
@@ -81,27 +86,41 @@ impl Recording {
         }
     }
 
-    /// Closes the file after an error.
-    fn written(&mut self, result: Option<Result<(), TelemetryError>>) {
-        if let Some(Err(error)) = result {
+    /// Writes an entry. After an error the file is closed.
+    fn write(&mut self, at: Moment, entry: &Entry) {
+        let Some(writer) = self.writer.as_mut() else { return };
+        let written = match entry {
+            Entry::Sample(sample) => writer.write(at, sample),
+            Entry::Event(event) => writer.event(at, event),
+            Entry::Note(text) => writer.note(at, text),
+        };
+        if let Err(error) = written {
             self.give_up(&error);
+        }
+    }
+
+    /// Hands an entry to the file.
+    fn add(&mut self, at: Moment, entry: Entry) {
+        self.thinning.push(at, entry);
+        while let Some((at, entry)) = self.thinning.next() {
+            self.write(at, &entry);
         }
     }
 
     fn event(&mut self, event: &Event) {
         self.clock.observe(event);
         match event {
-            Event::Contact(contact) => self.tracer.contact(contact),
             Event::Telemetry(samples) => {
                 for sample in samples {
                     self.sample(sample);
                 }
+                return;
             }
+            Event::Statistics(_) => return,
+            Event::Contact(contact) => self.tracer.contact(contact),
             _ => {}
         }
-        let at = self.utc.latest(now_ns());
-        let result = self.writer.as_mut().map(|writer| writer.event(at, event));
-        self.written(result);
+        self.add(self.utc.latest(now_ns()), Entry::Event(Box::new(event.clone())));
     }
 
     fn sample(&mut self, sample: &Sample) {
@@ -109,22 +128,20 @@ impl Recording {
             return;
         };
         let at = self.utc.at(time_us, now_ns());
-        let result = self.writer.as_mut().map(|writer| writer.write(at, sample));
-        self.written(result);
+        self.add(at, Entry::Sample(sample.clone()));
         self.traces.extend(self.tracer.sample(time_us, sample));
     }
 
     fn note(&mut self, text: &str) {
-        let at = self.utc.latest(now_ns());
-        let result = self.writer.as_mut().map(|writer| writer.note(at, text));
-        self.written(result);
+        self.add(self.utc.latest(now_ns()), Entry::Note(text.to_owned()));
     }
 }
 
 impl<O: CampaignObserver> TelemetryRecorder<O> {
     /// Watches for `inner`. The file is made in `directory` when the campaign says which run it
-    /// measures; `about` and the run are kept as its metadata.
-    pub fn new(inner: O, directory: &Path, arm: DrawnArm, about: &BTreeMap<String, String>) -> Self {
+    /// measures; `about` and the run are kept as its metadata. Away from contacts and faults it gets one sample in
+    /// `every_ticks` control periods, as the controller sends them in free motions.
+    pub fn new(inner: O, directory: &Path, arm: DrawnArm, about: &BTreeMap<String, String>, every_ticks: u32) -> Self {
         Self {
             inner,
             recording: Recording {
@@ -136,6 +153,7 @@ impl<O: CampaignObserver> TelemetryRecorder<O> {
                 complaint: None,
                 clock: SampleClock::new(),
                 utc: UtcClock::new(now_ns()),
+                thinning: Thinning::new(every_ticks),
                 tracer: ContactTracer::new(KEPT_US, KEPT_US),
                 traces: Vec::new(),
             },
@@ -208,7 +226,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let model = spherecal_model::robots::built_in("iiwa7").expect("built in");
         let arm = DrawnArm::new(&model, &model.tool_in_table());
-        let mut recorder = TelemetryRecorder::new(Silent, folder.path(), arm, &BTreeMap::new());
+        let mut recorder = TelemetryRecorder::new(Silent, folder.path(), arm, &BTreeMap::new(), 20);
         let run = RunKey {
             number: 4,
             created_utc: "2026-11-23T10:00:00Z".to_owned(),
@@ -259,7 +277,7 @@ mod tests {
         assert_eq!(files_of_run(folder.path(), &run), [path.clone().expect("a whole file")]);
         let bytes = std::fs::read(path.expect("a whole file")).expect("readable");
         let periods = TelemetryReader::new(&bytes).expect("MCAP");
-        let times = periods.map(|p| p.expect("a sample").device_ns()).collect();
+        let times = periods.map(|p| p.expect("a sample").device_ns).collect();
         (times, traces.pop().expect("a trace"))
     }
 

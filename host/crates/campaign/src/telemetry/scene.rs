@@ -3,20 +3,19 @@
 //!
 //! | topic | type | message |
 //! |---|---|---|
-//! | `/tf` | [`FrameTransforms`] | every frame in its parent frame, 20 times a second |
+//! | `/tf` | [`FrameTransforms`] | every frame in its parent frame, 10 times a second |
 //! | `/robot_description` | [`RobotDescription`] | the URDF of the nominal robot, once |
 
 use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
 use spherecal_model::chain::Chain;
 use spherecal_model::robots::{FrameTree, RobotModel, write_urdf};
 use spherecal_shared::protocol::host::Sample;
 use spherecal_shared::robot::Tool;
 
-use super::messages::{Stamp, TelemetryMessage};
-use super::quaternion::{Quaternion, rounded};
+use super::messages::{Quaternion, Xyz};
+use super::ros::{Header, RosMessage};
 use crate::force::{ForceSense, WrenchError};
 
 /// The nominal robot with its tool, as telemetry describes it.
@@ -51,18 +50,12 @@ impl DrawnArm {
         self.sense.error(sample)
     }
 
-    /// Rotation of the TCP's frame in F0 at joint angles `q` (rad).
-    pub(super) fn tcp_orientation(&self, q: &[f64]) -> Quaternion {
-        Quaternion::from(self.chain.pose(q).rotation.matrix())
-    }
-
     /// All transforms at joint angles `q` (rad).
-    pub(super) fn transforms<'a>(&'a self, timestamp: Stamp, q: &'a [f64]) -> FrameTransforms<'a> {
-        let one = |frame: spherecal_model::robots::FrameInParent<'a>| FrameTransform {
-            timestamp,
-            parent_frame_id: frame.parent.into(),
+    pub(super) fn transforms<'a>(&'a self, utc_ns: u64, q: &'a [f64]) -> FrameTransforms<'a> {
+        let one = |frame: spherecal_model::robots::FrameInParent<'a>| TransformStamped {
+            header: Header::new(utc_ns, frame.parent),
             child_frame_id: frame.child.into(),
-            translation: Translation::from(frame.pose.position),
+            translation: Xyz::position(frame.pose.position),
             rotation: Quaternion::from(&frame.pose.rotation),
         };
         FrameTransforms {
@@ -71,73 +64,50 @@ impl DrawnArm {
     }
 }
 
-/// The shape of `foxglove.FrameTransforms`.
+/// The frames of the arm: `tf2_msgs/msg/TFMessage`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FrameTransforms<'a> {
     /// One for each frame but the root.
-    pub transforms: Vec<FrameTransform<'a>>,
+    pub transforms: Vec<TransformStamped<'a>>,
 }
 
-/// One frame in its parent frame.
+/// One frame in its parent frame: `geometry_msgs/msg/TransformStamped`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FrameTransform<'a> {
-    /// Time, UTC.
-    pub timestamp: Stamp,
-    /// Name of the parent frame.
-    pub parent_frame_id: Cow<'a, str>,
+pub struct TransformStamped<'a> {
+    /// Time, and name of the parent frame.
+    pub header: Header<'a>,
     /// Name of the frame.
     pub child_frame_id: Cow<'a, str>,
     /// Origin of the frame, in m.
-    pub translation: Translation,
+    pub translation: Xyz,
     /// Its axes.
     pub rotation: Quaternion,
 }
 
-/// A position, in m.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Translation {
-    /// Along the parent's x.
-    pub x: f64,
-    /// Along the parent's y.
-    pub y: f64,
-    /// Along the parent's z.
-    pub z: f64,
-}
-
-impl From<nalgebra::Vector3<f64>> for Translation {
-    fn from(v: nalgebra::Vector3<f64>) -> Self {
-        let [x, y, z] = [v.x, v.y, v.z].map(rounded);
-        Self { x, y, z }
-    }
-}
-
-impl TelemetryMessage for FrameTransforms<'_> {
+impl RosMessage for FrameTransforms<'_> {
     const TOPIC: &'static str = "/tf";
-    const SCHEMA: &'static str = "foxglove.FrameTransforms";
-    fn properties() -> Value {
-        let number = json!({ "type": "number" });
-        let transform = json!({ "type": "object", "title": "foxglove.FrameTransform", "properties": {
-            "timestamp": Stamp::schema(),
-            "parent_frame_id": { "type": "string" }, "child_frame_id": { "type": "string" },
-            "translation": { "type": "object", "title": "foxglove.Vector3",
-                             "properties": { "x": number, "y": number, "z": number } },
-            "rotation": { "type": "object", "title": "foxglove.Quaternion",
-                          "properties": { "x": number, "y": number, "z": number, "w": number } } } });
-        json!({ "transforms": { "type": "array", "items": transform } })
-    }
+    const TYPE: &'static str = "tf2_msgs/msg/TFMessage";
+    const FIELDS: &'static str = "geometry_msgs/TransformStamped[] transforms\n";
+    const PARTS: &'static [&'static str] = &[
+        "geometry_msgs/TransformStamped",
+        "std_msgs/Header",
+        "builtin_interfaces/Time",
+        "geometry_msgs/Transform",
+        "geometry_msgs/Vector3",
+        "geometry_msgs/Quaternion",
+    ];
 }
 
-/// The description of the robot.
+/// The description of the robot: `std_msgs/msg/String`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RobotDescription<'a> {
     /// A URDF.
     pub data: Cow<'a, str>,
 }
 
-impl TelemetryMessage for RobotDescription<'_> {
+impl RosMessage for RobotDescription<'_> {
     const TOPIC: &'static str = "/robot_description";
-    const SCHEMA: &'static str = "std_msgs/String";
-    fn properties() -> Value {
-        json!({ "data": { "type": "string" } })
-    }
+    const TYPE: &'static str = "std_msgs/msg/String";
+    const FIELDS: &'static str = "string data\n";
+    const PARTS: &'static [&'static str] = &[];
 }

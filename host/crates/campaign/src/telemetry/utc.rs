@@ -16,6 +16,15 @@ pub struct Moment {
     pub device_us: u64,
 }
 
+impl Moment {
+    /// UTC of the device time `device_us` near this instant, in ns since 1970.
+    pub(super) const fn utc_ns_of(self, device_us: u64) -> u64 {
+        let later = device_us.saturating_sub(self.device_us).saturating_mul(1000);
+        let earlier = self.device_us.saturating_sub(device_us).saturating_mul(1000);
+        self.utc_ns.saturating_add(later).saturating_sub(earlier)
+    }
+}
+
 /// Ties device time to UTC. Its times never go back.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct UtcClock {

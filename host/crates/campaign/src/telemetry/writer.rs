@@ -1,21 +1,28 @@
-//! Writes telemetry as an MCAP file: channels of JSON with schemas, chunks compressed by LZ4, and
-//! the URDF as an attachment. The modules [`messages`](super::messages), [`scene`](super::scene) and
-//! [`log`](super::log) have the channels.
+//! Writes telemetry as an MCAP file: messages of ROS 2 in CDR, each topic with its definition, chunks compressed by
+//! Zstandard, and the URDF as an attachment. The modules [`messages`](super::messages), [`scene`](super::scene) and
+//! [`log`](super::log) have the messages.
 
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
+use std::sync::Arc;
 
+use cdr::{CdrLe, Infinite};
 use mcap::records::MessageHeader;
 use mcap::{Compression, McapError, WriteOptions, Writer};
 use spherecal_shared::protocol::host::{Event, Sample};
 
-use super::log::{EventMessage, FaultMessage, Level, LogMessage};
-use super::messages::{JointStates, PhaseState, Stamp, StampedWrench, Tcp, TelemetryMessage};
+use super::log::{ContactPoint, EventMessage, FaultMessage, Level, LogMessage};
+use super::messages::{Control, JointState, PhaseState, Uncertainty, WrenchStamped};
+use super::ros::{RosMessage, definition};
 use super::scene::{DrawnArm, FrameTransforms, RobotDescription};
 use super::utc::Moment;
 
-/// Device time between two messages of `/tf`, in µs. The eye needs no more, and each has all frames.
-const TF_PERIOD_US: u64 = 50_000;
+/// What readers of the file are made for.
+pub(super) const PROFILE: &str = "ros2";
+/// Device time between two messages of what changes with the posture, in µs. The eye needs no more.
+const POSTURE_PERIOD_US: u64 = 100_000;
+/// Device time between two messages of `/phase` where nothing changes, in µs.
+const PHASE_PERIOD_US: u64 = 1_000_000;
 
 /// Why telemetry could not be written or read.
 #[derive(Debug, thiserror::Error)]
@@ -25,48 +32,55 @@ pub enum TelemetryError {
     File(#[from] McapError),
     /// A message could not be encoded.
     #[error("a telemetry message cannot be encoded ({0})")]
-    Encode(#[from] serde_json::Error),
+    Encode(#[from] cdr::Error),
     /// The file is not a whole MCAP file.
     #[error("the file is not a whole MCAP file ({0}): repair it with `mcap recover`")]
     NotMcap(McapError),
+    /// The messages have another encoding.
+    #[error(
+        "messages of {topic} are encoded as \"{encoding}\", not as CDR: an earlier version of spherecal wrote JSON, \
+         and its `export` reads the file; so does Foxglove"
+    )]
+    Encoding {
+        /// Topic of the message.
+        topic: String,
+        /// Its encoding.
+        encoding: String,
+    },
     /// A message is not what its topic says.
     #[error("a message of {topic} cannot be read ({cause}): was the file written by another program?")]
     Decode {
         /// Topic of the message.
         topic: String,
         /// What is wrong.
-        cause: serde_json::Error,
+        cause: cdr::Error,
     },
+}
+
+/// A topic in the file.
+struct Channel {
+    id: u16,
+    /// Number of its next message.
+    sequence: u32,
 }
 
 /// Writes samples into an MCAP file.
 pub struct TelemetryWriter<W: Write + Seek> {
     writer: Writer<W>,
-    channels: Channels,
-    arm: DrawnArm,
-    sequence: u32,
-    /// Device time of the last message of `/tf`, in µs.
+    /// By topic.
+    channels: BTreeMap<&'static str, Channel>,
+    /// The message that is being written.
+    buffer: Vec<u8>,
+    arm: Arc<DrawnArm>,
+    /// Device time of the last messages of the posture, in µs.
     drawn_us: Option<u64>,
+    /// The last message of `/phase`, and UTC at its device time 0, in ns.
+    phase: Option<(PhaseState, u64)>,
 }
 
-/// Ids of the channels in the file.
-struct Channels {
-    joint_states: u16,
-    wrench: u16,
-    tcp: u16,
-    phase: u16,
-    tf: u16,
-    description: u16,
-    events: u16,
-    faults: u16,
-    log: u16,
-}
-
-/// Adds the channel of a message type to the file; returns its id.
-fn add_channel<M: TelemetryMessage>(writer: &mut Writer<impl Write + Seek>) -> Result<u16, TelemetryError> {
-    let schema = serde_json::to_vec(&M::schema())?;
-    let schema = writer.add_schema(M::SCHEMA, "jsonschema", &schema)?;
-    Ok(writer.add_channel(schema, M::TOPIC, "json", &BTreeMap::new())?)
+/// Whether the time `now_us` is a period or more after `last_us`, or before it.
+fn due(last_us: u64, now_us: u64, period_us: u64) -> bool {
+    now_us.checked_sub(last_us).is_none_or(|passed| passed >= period_us)
 }
 
 impl<W: Write + Seek> TelemetryWriter<W> {
@@ -76,76 +90,96 @@ impl<W: Write + Seek> TelemetryWriter<W> {
     /// # Errors
     /// When it cannot be written.
     pub fn new(file: W, arm: DrawnArm, about: &BTreeMap<String, String>, utc_ns: u64) -> Result<Self, TelemetryError> {
-        let mut writer = WriteOptions::new()
-            .compression(Some(Compression::Lz4))
+        let writer = WriteOptions::new()
+            .compression(Some(Compression::Zstd))
+            // Compressed where it is written: the program has better work for other threads.
+            .compression_threads(0)
             .chunk_size(Some(1 << 20))
-            .profile("")
+            .profile(PROFILE)
             .library(concat!("spherecal ", env!("CARGO_PKG_VERSION")))
             .create(file)?;
-        let channels = Channels {
-            joint_states: add_channel::<JointStates<'_>>(&mut writer)?,
-            wrench: add_channel::<StampedWrench<'_>>(&mut writer)?,
-            tcp: add_channel::<Tcp<'_>>(&mut writer)?,
-            phase: add_channel::<PhaseState>(&mut writer)?,
-            tf: add_channel::<FrameTransforms<'_>>(&mut writer)?,
-            description: add_channel::<RobotDescription<'_>>(&mut writer)?,
-            events: add_channel::<EventMessage>(&mut writer)?,
-            faults: add_channel::<FaultMessage>(&mut writer)?,
-            log: add_channel::<LogMessage>(&mut writer)?,
+        let mut own = Self {
+            writer,
+            channels: BTreeMap::new(),
+            buffer: Vec::new(),
+            arm: Arc::new(arm),
+            drawn_us: None,
+            phase: None,
         };
-        writer.write_metadata(&mcap::records::Metadata {
+        own.topic::<JointState<'_>>()?;
+        own.topic::<WrenchStamped<'_>>()?;
+        own.topic::<Uncertainty<'_>>()?;
+        own.topic::<Control<'_>>()?;
+        own.topic::<PhaseState>()?;
+        own.topic::<FrameTransforms<'_>>()?;
+        own.topic::<RobotDescription<'_>>()?;
+        own.topic::<EventMessage>()?;
+        own.topic::<FaultMessage>()?;
+        own.topic::<ContactPoint>()?;
+        own.topic::<LogMessage<'_>>()?;
+        own.writer.write_metadata(&mcap::records::Metadata {
             name: "spherecal".to_owned(),
             metadata: about.clone(),
         })?;
-        writer.attach(&mcap::Attachment {
+        own.writer.attach(&mcap::Attachment {
             log_time: utc_ns,
             create_time: utc_ns,
             name: "robot.urdf".to_owned(),
             media_type: "application/xml".to_owned(),
-            data: arm.urdf.as_bytes().into(),
+            data: own.arm.urdf.as_bytes().into(),
         })?;
         // The file says what it is from the beginning, also if this program is killed.
-        writer.flush()?;
-        let mut own = Self {
-            writer,
-            channels,
-            arm,
-            sequence: 0,
-            drawn_us: None,
-        };
-        let description = serde_json::to_vec(&RobotDescription {
-            data: own.arm.urdf.as_str().into(),
-        })?;
-        own.put(own.channels.description, utc_ns, &description)?;
+        own.writer.flush()?;
+        let data = own.arm.urdf.clone().into();
+        own.put(utc_ns, &RobotDescription { data })?;
         Ok(own)
     }
 
-    /// Writes one sample into the channels of the signals, and the frames where they are due.
+    /// Adds the topic of a message type to the file.
+    fn topic<M: RosMessage>(&mut self) -> Result<(), TelemetryError> {
+        let schema = self
+            .writer
+            .add_schema(M::TYPE, "ros2msg", definition::<M>().as_bytes())?;
+        let id = self.writer.add_channel(schema, M::TOPIC, "cdr", &BTreeMap::new())?;
+        self.channels.insert(M::TOPIC, Channel { id, sequence: 0 });
+        Ok(())
+    }
+
+    /// Writes one sample, and what belongs to its posture and its phase where that is due.
     ///
     /// # Errors
     /// When it cannot be written.
     pub fn write(&mut self, at: Moment, sample: &Sample) -> Result<(), TelemetryError> {
-        let stamp = Stamp::from_ns(at.utc_ns);
-        let q = self.arm.angles(sample);
-        let f0 = self.arm.frames.f0();
-        let joint_states = serde_json::to_vec(&JointStates::new(stamp, self.arm.frames.joint_names(), sample))?;
-        let wrench = serde_json::to_vec(&StampedWrench::new(stamp, f0, sample, &self.arm.wrench_error(sample)))?;
-        let orientation = self.arm.tcp_orientation(&q);
-        let tcp = serde_json::to_vec(&Tcp::new(stamp, f0, sample, orientation))?;
-        let device_time = Stamp::from_ns(at.device_us.saturating_mul(1000));
-        let phase = serde_json::to_vec(&PhaseState::new(stamp, device_time, sample))?;
-        self.put(self.channels.joint_states, at.utc_ns, &joint_states)?;
-        self.put(self.channels.wrench, at.utc_ns, &wrench)?;
-        self.put(self.channels.tcp, at.utc_ns, &tcp)?;
-        self.put(self.channels.phase, at.utc_ns, &phase)?;
-        let fresh = |last: u64| (last..last.saturating_add(TF_PERIOD_US)).contains(&at.device_us);
-        if !self.drawn_us.is_some_and(fresh) {
-            self.drawn_us = Some(at.device_us);
-            let frames = serde_json::to_vec(&self.arm.transforms(stamp, &q))?;
-            self.put(self.channels.tf, at.utc_ns, &frames)?;
+        let utc_ns = at.utc_ns;
+        let phase = PhaseState::new(utc_ns, at.device_us, sample);
+        let start_ns = utc_ns.saturating_sub(at.device_us.saturating_mul(1000));
+        let told = self.phase.as_ref().is_some_and(|(last, last_start_ns)| {
+            let same = PhaseState {
+                stamp: last.stamp,
+                device_us: last.device_us,
+                ..phase.clone()
+            };
+            same == *last && start_ns == *last_start_ns && !due(last.device_us, at.device_us, PHASE_PERIOD_US)
+        });
+        if !told {
+            self.put(utc_ns, &phase)?;
+            self.phase = Some((phase, start_ns));
         }
-        self.sequence = self.sequence.wrapping_add(1);
-        Ok(())
+        // The arm lends its names to the messages.
+        let arm = Arc::clone(&self.arm);
+        let f0 = arm.frames.f0();
+        if self
+            .drawn_us
+            .is_none_or(|last| due(last, at.device_us, POSTURE_PERIOD_US))
+        {
+            self.drawn_us = Some(at.device_us);
+            self.put(utc_ns, &Uncertainty::new(utc_ns, f0, &arm.wrench_error(sample)))?;
+            self.put(utc_ns, &arm.transforms(utc_ns, &arm.angles(sample)))?;
+        }
+        let names = arm.frames.joint_names();
+        self.put(utc_ns, &WrenchStamped::new(utc_ns, f0, sample))?;
+        self.put(utc_ns, &Control::new(utc_ns, f0, names.len(), sample))?;
+        self.put(utc_ns, &JointState::new(utc_ns, names, sample))
     }
 
     /// Writes an event of the controller; a fault goes into the log too. Telemetry and statistics
@@ -154,16 +188,18 @@ impl<W: Write + Seek> TelemetryWriter<W> {
     /// # Errors
     /// When it cannot be written.
     pub fn event(&mut self, at: Moment, event: &Event) -> Result<(), TelemetryError> {
-        let stamp = Stamp::from_ns(at.utc_ns);
-        if let Some(message) = EventMessage::new(stamp, event) {
-            self.put(self.channels.events, at.utc_ns, &serde_json::to_vec(&message)?)?;
+        if let Some(message) = EventMessage::new(at.utc_ns, event) {
+            self.put(at.utc_ns, &message)?;
         }
-        if let Event::Fault(report) = event {
-            let message = FaultMessage::new(stamp, report);
-            self.put(self.channels.faults, at.utc_ns, &serde_json::to_vec(&message)?)?;
-            self.log(at, Level::Error, &message.text)?;
+        match event {
+            Event::Fault(report) => {
+                let message = FaultMessage::new(at.utc_ns, report);
+                self.put(at.utc_ns, &message)?;
+                self.put(at.utc_ns, &LogMessage::new(at.utc_ns, Level::Error, &message.text))
+            }
+            Event::Recording(recording) => self.put(at.utc_ns, &ContactPoint::new(at, recording)),
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     /// Writes a remark into the log.
@@ -171,22 +207,23 @@ impl<W: Write + Seek> TelemetryWriter<W> {
     /// # Errors
     /// When it cannot be written.
     pub fn note(&mut self, at: Moment, text: &str) -> Result<(), TelemetryError> {
-        self.log(at, Level::Info, text)
+        self.put(at.utc_ns, &LogMessage::new(at.utc_ns, Level::Info, text))
     }
 
-    fn log(&mut self, at: Moment, level: Level, text: &str) -> Result<(), TelemetryError> {
-        let message = LogMessage::new(Stamp::from_ns(at.utc_ns), level, text);
-        self.put(self.channels.log, at.utc_ns, &serde_json::to_vec(&message)?)
-    }
-
-    fn put(&mut self, channel_id: u16, time_ns: u64, message: &[u8]) -> Result<(), TelemetryError> {
-        let header = MessageHeader {
-            channel_id,
-            sequence: self.sequence,
-            log_time: time_ns,
-            publish_time: time_ns,
+    fn put<M: RosMessage>(&mut self, utc_ns: u64, message: &M) -> Result<(), TelemetryError> {
+        let Some(channel) = self.channels.get_mut(M::TOPIC) else {
+            return Ok(());
         };
-        Ok(self.writer.write_to_known_channel(&header, message)?)
+        self.buffer.clear();
+        cdr::serialize_into::<_, _, _, CdrLe>(&mut self.buffer, message, Infinite)?;
+        let header = MessageHeader {
+            channel_id: channel.id,
+            sequence: channel.sequence,
+            log_time: utc_ns,
+            publish_time: utc_ns,
+        };
+        channel.sequence = channel.sequence.wrapping_add(1);
+        Ok(self.writer.write_to_known_channel(&header, &self.buffer)?)
     }
 
     /// Writes the index and closes; without it the file can only be recovered.
@@ -202,32 +239,8 @@ impl<W: Write + Seek> TelemetryWriter<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use serde_json::Value;
-
     use spherecal_model::robots;
     use spherecal_shared::protocol::host::{Fault, FaultReport, Phase, PhaseChange};
-
-    /// Asserts that the schema describes every field of a value, and no other.
-    fn assert_described(value: &Value, schema: &Value, path: &str) {
-        if let Some(items) = value.as_array() {
-            for item in items {
-                assert_described(item, &schema["items"], path);
-            }
-        }
-        let Some(fields) = value.as_object() else { return };
-        // The fields of an event are those of the protocol.
-        if path == "/events.data" {
-            return;
-        }
-        let described = schema["properties"].as_object().expect(path);
-        assert!(
-            fields.keys().collect::<std::collections::BTreeSet<_>>() == described.keys().collect(),
-            "{path}: {fields:?} against {described:?}"
-        );
-        for (name, value) in fields {
-            assert_described(value, &described[name], &format!("{path}.{name}"));
-        }
-    }
 
     const DAY_NS: u64 = 1_800_000_000_000_000_000;
 
@@ -238,8 +251,9 @@ mod tests {
         }
     }
 
-    // Fails if the file is not valid MCAP, loses a message, if a message and its schema have
-    // different fields, or if it has no UTC times, no description of the robot, or no frames.
+    // Fails if the file is not valid MCAP, loses a message, writes what changes slowly too often, or if it has no UTC
+    // times, no description of the robot, or no frames. `tests/python/check_mcap.py` reads each message by its
+    // definition.
     #[test]
     fn what_is_written_can_be_read() {
         let model = robots::built_in("iiwa7").unwrap();
@@ -270,6 +284,8 @@ mod tests {
             let sample = Sample {
                 q: [0.1; spherecal_shared::MAX_JOINTS],
                 force_n: [0.0, 0.0, f32::from(k)],
+                // The arm comes near a singular posture once.
+                flags: if k < 300 { 0 } else { 4 },
                 ..Sample::default()
             };
             writer.write(at(u64::from(k) * 1000), &sample).unwrap();
@@ -280,28 +296,26 @@ mod tests {
         for message in mcap::MessageStream::new(&bytes).unwrap() {
             let message = message.unwrap();
             assert!(message.log_time >= DAY_NS);
-            let schema = message.channel.schema.as_ref().unwrap();
-            assert_eq!(schema.encoding, "jsonschema");
-            let schema: Value = serde_json::from_slice(&schema.data).unwrap();
-            let value: Value = serde_json::from_slice(&message.data).unwrap();
-            assert_described(&value, &schema, &message.channel.topic);
+            assert_eq!(message.channel.schema.as_ref().unwrap().encoding, "ros2msg");
+            assert_eq!(message.channel.message_encoding, "cdr");
             *count.entry(message.channel.topic.clone()).or_insert(0) += 1;
         }
         let expected = [
+            ("/control", 500),
             ("/events", 2),
             ("/faults", 1),
             ("/joint_states", 500),
             ("/log", 2),
-            ("/phase", 500),
+            ("/phase", 2),
             ("/robot_description", 1),
-            ("/tcp", 500),
-            ("/tf", 10),
+            ("/tf", 5),
             ("/wrench", 500),
+            ("/wrench_uncertainty", 5),
         ];
         assert_eq!(count, expected.map(|(topic, n)| (topic.to_owned(), n)).into());
         let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
-        assert_eq!(summary.stats.unwrap().message_count, 2016);
+        assert_eq!(summary.stats.unwrap().message_count, 1518);
         assert_eq!(summary.attachment_indexes[0].name, "robot.urdf");
-        assert!(bytes.len() < 140_000, "{} bytes for 500 samples", bytes.len());
+        assert!(bytes.len() < 60_000, "{} bytes for 500 samples", bytes.len());
     }
 }

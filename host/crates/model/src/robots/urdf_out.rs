@@ -179,21 +179,45 @@ pub fn write_urdf_with_tcp(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[St
     out
 }
 
+/// Radius of a link as it is drawn, in m: arms of 5 to 20 kg payload are about 0.1 m thick.
+const BAR_M: f64 = 0.05;
+
+/// What a viewer draws of a link whose next joint is at `end` (m, in the link's frame): a bar between both joints. Nothing
+/// where they are in one place.
+fn bar(end: &Vector3<f64>) -> String {
+    let length = end.norm();
+    if length < BAR_M {
+        return String::new();
+    }
+    let middle = end / 2.0;
+    // The cylinder's axis is z: turned about y, then about z.
+    let (pitch, yaw) = ((end.z / length).acos(), end.y.atan2(end.x));
+    format!(
+        "    <visual>\n      <origin xyz=\"{}\" rpy=\"{}\"/>\n      <geometry><cylinder radius=\"{BAR_M}\" \
+         length=\"{length}\"/></geometry>\n    </visual>\n",
+        numbers(middle.as_slice()),
+        numbers(&[0.0, pitch, yaw])
+    )
+}
+
 /// A URDF for a robot that came without one.
 fn new_urdf(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String]) -> String {
     let (root, tip) = &model.frame_names;
+    // Each joint in the frame of its parent; the last is the flange.
+    let mut origins: Vec<Pose<f64>> = rows.iter().map(|row| row_transform(row, 0.0)).collect();
+    if let Some(first) = origins.first_mut() {
+        *first = compose(&model.base, first);
+    }
+    let ends = origins.iter().skip(1).chain([&model.flange]);
     let mut out = format!(
-        "<?xml version=\"1.0\"?>\n{}<robot name=\"{}\">\n  <link name=\"{}\"/>\n",
+        "<?xml version=\"1.0\"?>\n{}<robot name=\"{}\">\n  <link name=\"{}\">\n{}  </link>\n",
         comment(notes),
         attribute(&model.robot.name),
-        attribute(root)
+        attribute(root),
+        origins.first().map_or_else(String::new, |first| bar(&first.position))
     );
     let mut parent = attribute(root);
-    for (k, (joint, row)) in model.robot.joints.iter().zip(rows).enumerate() {
-        let mut origin = row_transform(row, 0.0);
-        if k == 0 {
-            origin = compose(&model.base, &origin);
-        }
+    for (k, ((joint, origin), end)) in model.robot.joints.iter().zip(&origins).zip(ends).enumerate() {
         let child = format!("link_{}", k + 1);
         let b = &joint.link;
         let [xx, yy, zz, xy, xz, yz] = b.inertia_kg_m2;
@@ -201,8 +225,12 @@ fn new_urdf(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String]) -> Strin
             out,
             "  <link name=\"{child}\">\n    <inertial>\n      <origin xyz=\"{} {} {}\" rpy=\"0 0 0\"/>\n      \
              <mass value=\"{}\"/>\n      <inertia ixx=\"{xx}\" ixy=\"{xy}\" ixz=\"{xz}\" iyy=\"{yy}\" iyz=\"{yz}\" \
-             izz=\"{zz}\"/>\n    </inertial>\n  </link>\n",
-            b.com_m[0], b.com_m[1], b.com_m[2], b.mass_kg
+             izz=\"{zz}\"/>\n    </inertial>\n{}  </link>\n",
+            b.com_m[0],
+            b.com_m[1],
+            b.com_m[2],
+            b.mass_kg,
+            bar(&end.position)
         );
         let l = &joint.limits;
         let _ = write!(
@@ -211,7 +239,7 @@ fn new_urdf(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String]) -> Strin
              <child link=\"{child}\"/>\n    <axis xyz=\"0 0 1\"/>\n    \
              <limit lower=\"{}\" upper=\"{}\" velocity=\"{}\" effort=\"{}\"/>\n  </joint>\n",
             k + 1,
-            origin_element(&origin, [0.0; 3]),
+            origin_element(origin, [0.0; 3]),
             l.min_rad,
             l.max_rad,
             l.velocity_rad_s,
@@ -227,4 +255,56 @@ fn new_urdf(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String]) -> Strin
         origin_element(&model.flange, [0.0; 3])
     );
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Rotation3;
+
+    use super::super::built_in;
+    use super::*;
+
+    // Fails if a viewer draws a bar of a built-in arm that does not lead from its joint to the next one, or none.
+    #[test]
+    fn bars_lead_from_joint_to_joint() {
+        for name in ["iiwa7", "ur5e", "fr3"] {
+            let model = built_in(name).expect("built in");
+            let text = write_urdf(&model, &model.rows(), &[]);
+            let document = roxmltree::Document::parse(&text).expect("XML");
+            let values = |node: roxmltree::Node<'_, '_>, name: &str| -> Vec<f64> {
+                let words = node.attribute(name).expect(name).split(' ');
+                words.map(|word| word.parse().expect("a number")).collect()
+            };
+            let origin = |node: roxmltree::Node<'_, '_>| {
+                let origin = node.children().find(|n| n.has_tag_name("origin")).expect("an origin");
+                (Vector3::from_vec(values(origin, "xyz")), values(origin, "rpy"))
+            };
+            let mut bars = 0;
+            for visual in document.descendants().filter(|n| n.has_tag_name("visual")) {
+                let link = visual.parent().and_then(|n| n.attribute("name")).expect("a link");
+                let leads_away = |n: &roxmltree::Node<'_, '_>| {
+                    let parent = n.children().find(|n| n.has_tag_name("parent"));
+                    n.has_tag_name("joint") && parent.and_then(|p| p.attribute("link")) == Some(link)
+                };
+                let next = document.descendants().find(leads_away).expect("a joint");
+                let (middle, rpy) = origin(visual);
+                let cylinder = visual
+                    .descendants()
+                    .find(|n| n.has_tag_name("cylinder"))
+                    .expect("a bar");
+                let half = Vector3::z() * values(cylinder, "length")[0] / 2.0;
+                let along = Rotation3::from_euler_angles(rpy[0], rpy[1], rpy[2]) * half;
+                assert!(
+                    (middle - along).norm() < 1e-9,
+                    "{name}, {link}: begins beside its joint"
+                );
+                assert!(
+                    (middle + along - origin(next).0).norm() < 1e-9,
+                    "{name}, {link}: ends beside the next joint"
+                );
+                bars += 1;
+            }
+            assert!(bars >= 4, "{name}: {bars} bars");
+        }
+    }
 }

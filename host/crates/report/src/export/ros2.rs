@@ -1,288 +1,103 @@
 //! The telemetry of a run as a ROS 2 bag: a folder with an MCAP file and its `metadata.yaml`, which
 //! `ros2 bag play`, RViz and PlotJuggler open.
 //!
-//! | topic | type | message |
-//! |---|---|---|
-//! | `/joint_states` | `sensor_msgs/msg/RosJointState` | position (rad), velocity (rad/s), effort (measured, N m) |
-//! | `/wrench` | `geometry_msgs/msg/WrenchStamped` | estimated force (N) and torque (N m) at the TCP, axes of F0 |
-//! | `/tf` | `tf2_msgs/msg/TFMessage` | the frames of the nominal robot, 20 times a second |
-//! | `/contact` | `geometry_msgs/msg/PointStamped` | per recording: the TCP is at (0, 0, 0) of the frame `sphere_N` |
+//! Telemetry is made of messages of ROS 2. The bag has those of ROS's own types, as they are, from all pieces of the run:
+//! `/joint_states`, `/wrench`, `/wrench_uncertainty`, `/tf`, `/contact`, `/robot_description` and `/log`. `ros2 bag play`
+//! does not know the others, whose package is `spherecal_msgs`.
 //!
-//! `/contact` has the time of the middle of the recording, so that `spherecal identify --data` makes the poses of the run
+//! `/contact` has the time of the middle of a recording, so that `spherecal identify --data` makes the poses of the run
 //! from the bag.
-//!
-//! Messages are in CDR, little endian, each topic with its definition. Times are UTC.
 
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
-use cdr::{CdrLe, Infinite};
 use mcap::records::MessageHeader;
-use mcap::{Compression, WriteOptions, Writer};
-use serde::Serialize;
-use spherecal_campaign::telemetry::messages::{JointStates, Stamp, StampedWrench, Xyz};
-use spherecal_campaign::telemetry::scene::{FrameTransform, FrameTransforms};
-use spherecal_campaign::telemetry::{Period, TelemetryReader};
+use mcap::{Compression, McapError, WriteOptions, Writer};
+use spherecal_campaign::telemetry::{TelemetryMessage, TelemetryMessages};
 use spherecal_model::NewFile;
 
 use super::{ExportError, Exported, TornFile};
-use definitions::{JOINT_STATE, POINT_STAMPED, TF_MESSAGE, WRENCH_STAMPED};
-
-mod definitions;
 
 /// Name of the file in the folder.
 const FILE: &str = "ros2_0.mcap";
-
-#[derive(Serialize)]
-struct Time {
-    sec: i32,
-    nanosec: u32,
-}
-
-#[derive(Serialize)]
-struct RosHeader<'a> {
-    stamp: Time,
-    frame_id: &'a str,
-}
-
-#[derive(Serialize)]
-struct RosVector3 {
-    x: f64,
-    y: f64,
-    z: f64,
-}
-
-#[derive(Serialize)]
-struct RosQuaternion {
-    x: f64,
-    y: f64,
-    z: f64,
-    w: f64,
-}
-
-#[derive(Serialize)]
-struct RosJointState<'a> {
-    header: RosHeader<'a>,
-    name: &'a [String],
-    position: Vec<f64>,
-    velocity: Vec<f64>,
-    effort: Vec<f64>,
-}
-
-#[derive(Serialize)]
-struct WrenchStamped<'a> {
-    header: RosHeader<'a>,
-    force: RosVector3,
-    torque: RosVector3,
-}
-
-#[derive(Serialize)]
-struct PointStamped<'a> {
-    header: RosHeader<'a>,
-    point: RosVector3,
-}
-
-#[derive(Serialize)]
-struct TransformStamped<'a> {
-    header: RosHeader<'a>,
-    child_frame_id: &'a str,
-    translation: RosVector3,
-    rotation: RosQuaternion,
-}
-
-#[derive(Serialize)]
-struct TfMessage<'a> {
-    transforms: Vec<TransformStamped<'a>>,
-}
-
-impl<'a> RosHeader<'a> {
-    fn new(stamp: Stamp, frame_id: &'a str) -> Self {
-        Self {
-            stamp: Time {
-                // ROS counts seconds in 32 bits: until 2038.
-                sec: i32::try_from(stamp.sec).unwrap_or(i32::MAX),
-                nanosec: stamp.nsec,
-            },
-            frame_id,
-        }
-    }
-}
-
-impl From<Xyz> for RosVector3 {
-    fn from(v: Xyz) -> Self {
-        Self {
-            x: v.x.into(),
-            y: v.y.into(),
-            z: v.z.into(),
-        }
-    }
-}
-
-impl<'a> From<&'a JointStates<'static>> for RosJointState<'a> {
-    fn from(joints: &'a JointStates<'static>) -> Self {
-        let wide = |values: &[f32]| values.iter().copied().map(f64::from).collect();
-        Self {
-            // Joint states belong to no frame.
-            header: RosHeader::new(joints.timestamp, ""),
-            name: &joints.name,
-            position: wide(&joints.position),
-            velocity: wide(&joints.velocity),
-            effort: wide(&joints.effort),
-        }
-    }
-}
-
-impl<'a> From<&'a StampedWrench<'static>> for WrenchStamped<'a> {
-    fn from(wrench: &'a StampedWrench<'static>) -> Self {
-        Self {
-            header: RosHeader::new(wrench.timestamp, &wrench.frame_id),
-            force: wrench.wrench.force.into(),
-            torque: wrench.wrench.torque.into(),
-        }
-    }
-}
-
-impl<'a> From<&'a FrameTransforms<'static>> for TfMessage<'a> {
-    fn from(frames: &'a FrameTransforms<'static>) -> Self {
-        let one = |frame: &'a FrameTransform<'static>| {
-            let (t, r) = (frame.translation, frame.rotation);
-            TransformStamped {
-                header: RosHeader::new(frame.timestamp, &frame.parent_frame_id),
-                child_frame_id: &frame.child_frame_id,
-                translation: RosVector3 { x: t.x, y: t.y, z: t.z },
-                rotation: RosQuaternion {
-                    x: r.x,
-                    y: r.y,
-                    z: r.z,
-                    w: r.w,
-                },
-            }
-        };
-        Self {
-            transforms: frames.transforms.iter().map(one).collect(),
-        }
-    }
-}
+/// Begin of the types that are spherecal's own.
+const OWN: &str = "spherecal_msgs/";
 
 /// A topic, and what was written to it.
 struct WrittenTopic {
-    name: &'static str,
-    kind: &'static str,
+    kind: String,
     channel: u16,
     messages: u64,
-}
-
-/// Why the bag cannot be written.
-#[derive(Debug, thiserror::Error)]
-enum BagExportError {
-    #[error(transparent)]
-    File(#[from] mcap::McapError),
-    #[error(transparent)]
-    Message(#[from] cdr::Error),
 }
 
 /// The bag while it is written.
 struct BagWriter {
     writer: Writer<BufWriter<File>>,
-    topics: Vec<WrittenTopic>,
+    /// By name.
+    topics: BTreeMap<String, WrittenTopic>,
     begin_ns: Option<u64>,
     end_ns: u64,
-    /// UTC at device time 0, in ns, of the last period that has both times.
-    device_start_ns: Option<u64>,
 }
 
 impl BagWriter {
-    fn new(file: File) -> Result<Self, BagExportError> {
-        let mut writer = WriteOptions::new()
-            .compression(Some(Compression::Lz4))
-            .profile("ros2")
-            .library(concat!("spherecal ", env!("CARGO_PKG_VERSION")))
-            .create(BufWriter::new(file))?;
-        let kinds = [
-            ("/joint_states", "sensor_msgs/msg/JointState", JOINT_STATE),
-            ("/wrench", "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED),
-            ("/tf", "tf2_msgs/msg/TFMessage", TF_MESSAGE),
-            ("/contact", "geometry_msgs/msg/PointStamped", POINT_STAMPED),
-        ];
-        let mut topics = Vec::new();
-        for (name, kind, definition) in kinds {
-            let schema = writer.add_schema(kind, "ros2msg", definition.as_bytes())?;
-            topics.push(WrittenTopic {
-                name,
-                kind,
-                channel: writer.add_channel(schema, name, "cdr", &BTreeMap::new())?,
-                messages: 0,
-            });
-        }
+    fn new(file: File) -> Result<Self, McapError> {
         Ok(Self {
-            writer,
-            topics,
+            writer: WriteOptions::new()
+                .compression(Some(Compression::Zstd))
+                .profile("ros2")
+                .library(concat!("spherecal ", env!("CARGO_PKG_VERSION")))
+                .create(BufWriter::new(file))?,
+            topics: BTreeMap::new(),
             begin_ns: None,
             end_ns: 0,
-            device_start_ns: None,
         })
     }
 
-    /// Writes one message of the topic with number `topic`.
-    fn put(&mut self, topic: usize, time_ns: u64, message: &impl Serialize) -> Result<(), BagExportError> {
-        let data = cdr::serialize::<_, _, CdrLe>(message, Infinite)?;
-        let Some(topic) = self.topics.get_mut(topic) else {
+    /// Writes a message, if its type is ROS's own.
+    fn put(&mut self, message: &TelemetryMessage) -> Result<(), McapError> {
+        let channel = &message.channel;
+        let Some(schema) = channel.schema.as_ref().filter(|schema| !schema.name.starts_with(OWN)) else {
+            return Ok(());
+        };
+        if !self.topics.contains_key(&channel.topic) {
+            let id = self.writer.add_schema(&schema.name, &schema.encoding, &schema.data)?;
+            let topic = WrittenTopic {
+                kind: schema.name.clone(),
+                channel: self.writer.add_channel(id, &channel.topic, "cdr", &BTreeMap::new())?,
+                messages: 0,
+            };
+            self.topics.insert(channel.topic.clone(), topic);
+        }
+        let Some(topic) = self.topics.get_mut(&channel.topic) else {
             return Ok(());
         };
         let header = MessageHeader {
             channel_id: topic.channel,
             sequence: topic.messages as u32,
-            log_time: time_ns,
-            publish_time: time_ns,
+            log_time: message.utc_ns,
+            publish_time: message.utc_ns,
         };
         topic.messages += 1;
-        self.begin_ns = Some(self.begin_ns.map_or(time_ns, |begin| begin.min(time_ns)));
-        self.end_ns = self.end_ns.max(time_ns);
-        Ok(self.writer.write_to_known_channel(&header, &data)?)
-    }
-
-    fn period(&mut self, period: &Period) -> Result<(), BagExportError> {
-        if let Some(joints) = &period.joint_states {
-            self.put(0, period.utc_ns, &RosJointState::from(joints))?;
-        }
-        if let Some(wrench) = &period.wrench {
-            self.put(1, period.utc_ns, &WrenchStamped::from(wrench))?;
-        }
-        if let Some(frames) = &period.frames {
-            self.put(2, period.utc_ns, &TfMessage::from(frames))?;
-        }
-        if period.phase.is_some() {
-            self.device_start_ns = Some(period.utc_ns.saturating_sub(period.device_ns()));
-        }
-        for recorded in &period.recorded {
-            let Some(start_ns) = self.device_start_ns else { continue };
-            let middle_us = recorded.start_us.midpoint(recorded.end_us);
-            let stamp = Stamp::from_ns(start_ns.saturating_add(middle_us.saturating_mul(1000)));
-            let frame = format!("sphere_{}", recorded.sphere);
-            let message = PointStamped {
-                header: RosHeader::new(stamp, &frame),
-                point: RosVector3 { x: 0.0, y: 0.0, z: 0.0 },
-            };
-            self.put(3, period.utc_ns, &message)?;
-        }
-        Ok(())
+        self.begin_ns = Some(self.begin_ns.unwrap_or(u64::MAX).min(message.utc_ns));
+        self.end_ns = self.end_ns.max(message.utc_ns);
+        self.writer.write_to_known_channel(&header, &message.data)
     }
 
     /// What rosbag2 wants to know of the file before it opens it.
     fn metadata(&self) -> String {
         let begin = self.begin_ns.unwrap_or(0);
         let duration = self.end_ns.saturating_sub(begin);
-        let count: u64 = self.topics.iter().map(|t| t.messages).sum();
+        let count: u64 = self.topics.values().map(|t| t.messages).sum();
         let topics: String = self
             .topics
             .iter()
-            .map(|t| {
+            .map(|(name, t)| {
                 format!(
                     "    - topic_metadata:\n        name: {}\n        type: {}\n        serialization_format: cdr\n        \
                      offered_qos_profiles: \"\"\n      message_count: {}\n",
-                    t.name, t.kind, t.messages
+                    name, t.kind, t.messages
                 )
             })
             .collect();
@@ -310,7 +125,7 @@ pub fn export_ros2(files: &[PathBuf], folder: &Path) -> Result<Exported, ExportE
     let in_bag = |what: String| failed(&paths[0], what);
     std::fs::create_dir_all(folder).map_err(|e| failed(folder, e.to_string()))?;
     let new = NewFile::create(&paths[0]).map_err(|e| in_bag(e.to_string()))?;
-    let in_file = |error: BagExportError| in_bag(error.to_string());
+    let in_file = |error: McapError| in_bag(error.to_string());
     let mut bag = BagWriter::new(new.handle().map_err(|e| in_bag(e.to_string()))?).map_err(in_file)?;
     let mut torn_telemetry = Vec::new();
     for file in files {
@@ -319,17 +134,17 @@ pub fn export_ros2(files: &[PathBuf], folder: &Path) -> Result<Exported, ExportE
             what,
         };
         let bytes = std::fs::read(file).map_err(|e| unreadable(e.to_string()))?;
-        let mut reader = TelemetryReader::new(&bytes).map_err(|e| unreadable(e.to_string()))?;
-        for period in reader.by_ref() {
-            let period = period.map_err(|e| unreadable(e.to_string()))?;
-            bag.period(&period).map_err(in_file)?;
+        let mut messages = TelemetryMessages::new(&bytes).map_err(|e| unreadable(e.to_string()))?;
+        for message in messages.by_ref() {
+            let message = message.map_err(|e| unreadable(e.to_string()))?;
+            bag.put(&message).map_err(in_file)?;
         }
-        torn_telemetry.extend(reader.torn().map(|read| TornFile {
+        torn_telemetry.extend(messages.torn().map(|read| TornFile {
             file: file.clone(),
             read,
         }));
     }
-    if bag.begin_ns.is_none() {
+    if !bag.topics.contains_key("/joint_states") {
         return Err(ExportError::Telemetry {
             path: files
                 .first()

@@ -2,10 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use spherecal_campaign::telemetry::messages::{JointStates, PhaseState, Xyz};
+use spherecal_campaign::telemetry::messages::{JointState, PhaseState, Point32, Xyz};
 use spherecal_campaign::telemetry::{Period, TelemetryReader, Torn};
 
-use super::tables::name_of;
 use super::{ExportError, ExportTable, Format, TableFile, TornFile};
 
 /// Rows held in memory: one row group of the file.
@@ -59,7 +58,7 @@ impl Out<'_> {
             }
             let Some(first) = rows.first() else { break };
             if self.file.is_none() {
-                self.joints = first.joint_states.as_ref().map_or(0, |j| j.position.len());
+                self.joints = first.joints.position.len();
             }
             let table = table(&rows, self.joints);
             let mut out = match self.file.take() {
@@ -77,50 +76,51 @@ impl Out<'_> {
 /// no text and flags that are not set.
 fn table(rows: &[Period], joints: usize) -> ExportTable {
     let mut t = ExportTable::new("telemetry");
-    t.whole("time_ns", rows.iter().map(Period::device_ns));
-    type OfJoints = for<'a> fn(&'a JointStates<'static>) -> &'a [f32];
-    let parts: [(&str, &str, OfJoints); 4] = [
+    t.whole("time_ns", rows.iter().map(|r| r.device_ns));
+    type OfJoints = for<'a> fn(&'a JointState<'static>) -> &'a Vec<f64>;
+    let parts: [(&str, &str, OfJoints); 3] = [
         ("q", "rad", |j| &j.position),
         ("dq", "rad_s", |j| &j.velocity),
         ("tau", "nm", |j| &j.effort),
-        ("command", "nm", |j| &j.command),
     ];
     for (name, unit, of) in parts {
         for joint in 0..joints {
-            let value = |r: &Period| r.joint_states.as_ref().and_then(|j| of(j).get(joint).copied());
+            let value = |r: &Period| of(&r.joints).get(joint).copied();
             t.real(
                 format!("{name}{}_{unit}", joint + 1),
-                rows.iter().map(|r| real(value(r))),
+                rows.iter().map(|r| value(r).unwrap_or(f64::NAN)),
             );
         }
     }
-    type Vector = fn(&Period) -> Option<Xyz>;
-    let vectors: [(&str, &str, Vector); 6] = [
-        ("force", "n", |r| r.wrench.as_ref().map(|w| w.wrench.force)),
-        ("torque", "nm", |r| r.wrench.as_ref().map(|w| w.wrench.torque)),
-        ("force_uncertainty", "n", |r| {
-            Some(r.wrench.as_ref()?.uncertainty?.force)
-        }),
-        ("torque_uncertainty", "nm", |r| {
-            Some(r.wrench.as_ref()?.uncertainty?.torque)
-        }),
-        ("tcp", "m", |r| r.tcp.as_ref().map(|t| t.pose.position)),
-        ("setpoint", "m", |r| r.tcp.as_ref().map(|t| t.setpoint)),
+    for joint in 0..joints {
+        let value = |r: &Period| Some(f64::from(*r.control.as_ref()?.command.get(joint)?));
+        t.real(
+            format!("command{}_nm", joint + 1),
+            rows.iter().map(|r| value(r).unwrap_or(f64::NAN)),
+        );
+    }
+    let xyz = |p: Point32| [p.x, p.y, p.z].map(f64::from);
+    let xyz_of = |v: Xyz| [v.x, v.y, v.z];
+    let vectors: [(&str, &str, &dyn Fn(&Period) -> Option<[f64; 3]>); 6] = [
+        ("force", "n", &|r| Some(xyz_of(r.wrench?.force))),
+        ("torque", "nm", &|r| Some(xyz_of(r.wrench?.torque))),
+        ("force_uncertainty", "n", &|r| Some(xyz_of(r.uncertainty?.force))),
+        ("torque_uncertainty", "nm", &|r| Some(xyz_of(r.uncertainty?.torque))),
+        ("tcp", "m", &|r| Some(xyz(r.control.as_ref()?.tcp))),
+        ("setpoint", "m", &|r| Some(xyz(r.control.as_ref()?.setpoint))),
     ];
-    type Axis = fn(Xyz) -> f32;
-    let axes: [(&str, Axis); 3] = [("x", |v| v.x), ("y", |v| v.y), ("z", |v| v.z)];
     for (name, unit, of) in vectors {
-        for (axis, part) in axes {
+        for (k, axis) in ["x", "y", "z"].into_iter().enumerate() {
             t.real(
                 format!("{name}_{axis}_{unit}"),
-                rows.iter().map(|r| real(of(r).map(part))),
+                rows.iter().map(|r| of(r).map_or(f64::NAN, |v| v[k])),
             );
         }
     }
     t.text(
         "phase",
         rows.iter()
-            .map(|r| r.phase.map_or_else(String::new, |p| name_of(p.phase))),
+            .map(|r| r.phase.as_ref().map_or_else(String::new, |p| p.phase.clone())),
     );
     type Flag = fn(&PhaseState) -> bool;
     let flags: [(&str, Flag); 3] = [
@@ -133,9 +133,4 @@ fn table(rows: &[Period], joints: usize) -> ExportTable {
     }
     t.whole("utc_ns", rows.iter().map(|r| r.utc_ns));
     t
-}
-
-/// A number of the file; NaN where there is none.
-fn real(value: Option<f32>) -> f64 {
-    value.map_or(f64::NAN, f64::from)
 }
