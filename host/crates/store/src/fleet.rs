@@ -8,11 +8,13 @@ use super::{SqlStore, StoreError};
 
 /// Calibrations. The statements for one arm and for all differ, so that each uses its own index.
 const RUNS: &str = "SELECT run, created_utc, robot, arm, state FROM runs WHERE state <> 'commissioned'";
-/// What [`history`](super::history) reads of each, with the digest of the row.
-const RESULTS_OF_RUNS: &str = "SELECT r.run AS run, r.name AS name, r.json AS json, d.digest AS digest \
-     FROM runs u JOIN results r ON r.run = u.run \
-     LEFT JOIN digests d ON d.run = r.run AND d.subject = 'results ' || r.name \
-     WHERE r.name IN ('headline', 'fingerprint')";
+/// What [`history`](super::history) reads of each, with the digest of the row. A result without a digest and a digest
+/// without a result are damage, so both are found.
+const RESULTS_OF_RUNS: &str = "SELECT u.run AS run, n.name AS name, r.json AS json, d.digest AS digest FROM runs u \
+     CROSS JOIN (SELECT 'headline' AS name UNION ALL SELECT 'fingerprint' AS name) n \
+     LEFT JOIN results r ON r.run = u.run AND r.name = n.name \
+     LEFT JOIN digests d ON d.run = u.run AND d.subject = 'results ' || n.name \
+     WHERE (r.run IS NOT NULL OR d.run IS NOT NULL)";
 
 /// The two statements for one arm (which is $1), or for all.
 pub(super) fn statements(one_arm: bool) -> [String; 2] {
@@ -36,26 +38,28 @@ impl SqlStore {
         let mut texts: HashMap<(i64, bool), String> = HashMap::with_capacity(results.len());
         for row in &results {
             let (run, name): (i64, String) = (self.get(row, "run")?, self.get(row, "name")?);
-            let json: String = self.get(row, "json")?;
+            let json: Option<String> = self.get(row, "json")?;
             let stored: Option<i64> = self.get(row, "digest")?;
             let headline = name == HEADLINE;
             debug_assert!(headline || name == FINGERPRINT);
             let values = [
                 SealedValue::Whole(run),
                 SealedValue::Text(name),
-                SealedValue::Text(json),
+                json.map_or(SealedValue::Nothing, SealedValue::Text),
             ];
             let digest = of_row(RESULTS.name, &values);
-            let [_, SealedValue::Text(name), SealedValue::Text(json)] = values else {
+            let [_, SealedValue::Text(name), json] = values else {
                 continue;
             };
-            if stored != Some(digest) {
-                return Err(StoreError::Damaged {
-                    path: self.path.clone(),
-                    what: format!("run {run}: the result \"{name}\" differs from what was written"),
-                });
-            }
-            texts.insert((run, headline), json);
+            match json {
+                SealedValue::Text(json) if stored == Some(digest) => texts.insert((run, headline), json),
+                _ => {
+                    return Err(StoreError::Damaged {
+                        path: self.path.clone(),
+                        what: format!("run {run}: the result \"{name}\" differs from what was written"),
+                    });
+                }
+            };
         }
         runs.iter()
             .map(|row| {

@@ -15,6 +15,7 @@ pub(super) use crate::past::HEADLINE;
 pub use crate::past::{FINGERPRINT, Fingerprint, StoredPast};
 use crate::time::{days, utc};
 use crate::{CalibrationStore, StoreError};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// How far an arm may move, in mm, before it must be calibrated again, unless the user sets another
@@ -103,12 +104,11 @@ pub struct Past {
 /// # Errors
 /// When the store fails.
 pub fn read(store: &mut dyn CalibrationStore, arm: &str) -> Result<Vec<Past>, StoreError> {
-    let stored = store.past(arm)?;
-    let mut past = Vec::with_capacity(stored.len());
-    for run in stored {
+    // The fingerprints of a fleet are megabytes of text: each core takes a part.
+    let decoded = store.past(arm)?.into_par_iter().map(|run| {
         let headline: Option<SummaryExtract> = run.headline.and_then(|json| serde_json::from_str(&json).ok());
         let headline = headline.unwrap_or_default();
-        past.push(Past {
+        Past {
             run: run.run,
             created_utc: run.created_utc,
             robot: run.robot,
@@ -120,9 +120,9 @@ pub fn read(store: &mut dyn CalibrationStore, arm: &str) -> Result<Vec<Past>, St
             nominal_mm: headline.nominal_mm,
             calibrated_mm: headline.calibrated_mm,
             fingerprint: run.fingerprint.and_then(|json| serde_json::from_str(&json).ok()),
-        });
-    }
-    Ok(past)
+        }
+    });
+    Ok(decoded.collect())
 }
 
 /// Sorts past calibrations by arm, in alphabetical order; those of one arm oldest first.
@@ -173,6 +173,19 @@ pub struct Trend {
     /// A run that is dated before the one that was measured before it: a clock was wrong. Then neither
     /// a slope nor a date is stated.
     pub clock_back_at: Option<i64>,
+}
+
+impl Trend {
+    /// Whether the next calibration is due at the time `now_utc` (RFC 3339). Where no date can be stated it is.
+    pub fn is_due(&self, now_utc: &str) -> bool {
+        let due = self.due_utc.as_deref().and_then(days);
+        due.zip(days(now_utc)).is_none_or(|(due, now)| due <= now)
+    }
+}
+
+/// The trends of all arms, in alphabetical order. An arm without a trusted calibration has none.
+pub fn trends(past: Vec<Past>, limit_mm: f64) -> Vec<Trend> {
+    by_arm(past).par_iter().filter_map(|own| trend(own, limit_mm)).collect()
 }
 
 /// The trend of one arm from its past runs, oldest first.
@@ -292,6 +305,22 @@ mod tests {
         );
         let t = trend(&runs[1..], 1.0).expect("a trend");
         assert!(t.clock_back_at.is_none() && t.due_utc.is_some(), "{t:?}");
+    }
+
+    // Fails if a calibration is due a second too early or too late, by the place's clock or by UTC, or if an arm of which
+    // no date can be stated is passed over.
+    #[test]
+    fn a_calibration_is_due_from_its_date_on() {
+        let runs = [
+            past(1, "2025-01-01T00:00:00Z", print(0.0, 0.1)),
+            past(2, "2025-07-01T00:00:00Z", print(0.0, 0.2)),
+            past(3, "2024-07-01T00:00:00Z", print(0.0, 0.3)),
+        ];
+        let [dated, undated] = [&runs[..2], &runs[..]].map(|runs| trend(runs, 1.0).expect("a trend"));
+        assert_eq!(dated.due_utc.as_deref(), Some("2026-07-01T00:00:00Z"));
+        assert!(!dated.is_due("2026-06-30T23:59:59Z") && dated.is_due("2026-07-01T00:00:00Z"));
+        assert!(dated.is_due("2026-07-01T01:30:00+01:00") && !dated.is_due("2026-07-01T00:30:00+01:00"));
+        assert!(undated.is_due("2024-01-01T00:00:00Z"));
     }
 
     // Fails if noise counts as drift, if drift is missed, if "no drift" is said where the limit could not

@@ -151,4 +151,6 @@ mod flip_tests;
 #[cfg(test)]
 mod log_tests;
 #[cfg(test)]
+mod past_tests;
+#[cfg(test)]
 mod tests;

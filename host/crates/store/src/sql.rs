@@ -4,7 +4,6 @@ use std::path::Path;
 
 use spherecal_model::LaserShot;
 
-use super::calibration_store::one_by_one;
 use super::past::StoredPast;
 use super::seal::{
     CONTACTS, COUPLINGS, FAULTS, GREETINGS, LASER, PHASES, POSES, RECORDINGS, SESSIONS, SPHERES, Sealed,
@@ -52,11 +51,7 @@ impl CalibrationStore for SqlStore {
     }
 
     fn past(&mut self, arm: &str) -> Result<Vec<StoredPast>, StoreError> {
-        match self.kind {
-            // A file vouches for nothing: every row of every run is compared with its digest.
-            DatabaseKind::Sqlite => one_by_one(self, arm),
-            DatabaseKind::Postgres => self.snapshot(|store| store.past_at_once(arm)),
-        }
+        self.snapshot(|store| store.past_at_once(arm))
     }
 
     fn read_run(&mut self, run: i64) -> Result<StoredRun, StoreError> {
