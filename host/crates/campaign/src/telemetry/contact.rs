@@ -20,7 +20,7 @@ pub struct ContactTrace {
     pub sphere: u32,
     /// Device time of the trigger, in s.
     pub trigger_s: f64,
-    /// Device time, in s, and force against the approach, in N.
+    /// Device time, in s, and force against the approach, in N, to a thousandth: the store keeps all digits as text.
     pub samples: Vec<(f64, f64)>,
 }
 
@@ -103,12 +103,12 @@ impl ContactTracer {
             .filter(|k| k.time_us + self.before_us >= trigger_us)
             .map(|k| {
                 let against = -(0..3).map(|i| f64::from(k.force_n[i]) * direction[i]).sum::<f64>();
-                (k.time_us as f64 * 1e-6, against)
+                (k.time_us as f64 / 1e6, (against * 1e3).round() / 1e3)
             })
             .collect();
         ContactTrace {
             sphere,
-            trigger_s: trigger_us as f64 * 1e-6,
+            trigger_s: trigger_us as f64 / 1e6,
             samples,
         }
     }
