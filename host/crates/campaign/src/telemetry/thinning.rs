@@ -86,8 +86,15 @@ impl Thinning {
         let past = |mark: &mut u64| mark.saturating_add(NEAR_NS) < at.utc_ns;
         while self.marks.pop_front_if(past).is_some() {}
         let near = self.marks.iter().any(|mark| mark.abs_diff(at.utc_ns) <= NEAR_NS);
-        // A controller that starts anew counts from 0: the difference is large.
-        let due = |last: u64| sample.tick.wrapping_sub(last) >= self.every_ticks;
+        let next = self.waiting.iter().find_map(|(_, entry)| match entry {
+            Entry::Sample(next) => Some(next.tick),
+            _ => None,
+        });
+        // The next one would come too late. A controller that starts anew counts from 0: the difference is large.
+        let due = |last: u64| {
+            sample.tick.wrapping_sub(last) >= self.every_ticks
+                || next.is_some_and(|next| next.wrapping_sub(last) > self.every_ticks)
+        };
         let keeps = near || self.kept.is_none_or(due);
         if keeps {
             self.kept = Some(sample.tick);
@@ -161,7 +168,8 @@ mod tests {
             assert_eq!(near, (2_750..=3_250).collect::<Vec<_>>());
             let gaps: Vec<u64> = ticks.windows(2).map(|pair| pair[1] - pair[0]).collect();
             assert!(gaps.iter().all(|gap| *gap <= 20), "{gaps:?}");
-            assert_eq!(ticks.len(), 138 + 501 + 237);
+            // One more is the last sample before the controller starts anew.
+            assert_eq!(ticks.len(), 138 + 501 + 237 + 1);
             assert!(ticks.contains(&6_000) && ticks.last() == Some(&7_980));
         }
     }
