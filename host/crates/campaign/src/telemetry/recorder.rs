@@ -128,7 +128,7 @@ impl Recording {
             return;
         };
         let at = self.utc.at(time_us, now_ns());
-        self.add(at, Entry::Sample(sample.clone()));
+        self.add(at, Entry::Sample(*sample));
         self.traces.extend(self.tracer.sample(time_us, sample));
     }
 
