@@ -1,4 +1,4 @@
-//! Recording at a pose: at 5 N/m, 1,000 consecutive ticks of a seated and still
+//! Recording at a pose: at 5 N/m, consecutive ticks of a seated and still
 //! arm, then a short pull along the axis of the nest.
 //!
 //! Friction can hold a nest still although its magnet has let go, and the samples
@@ -15,7 +15,7 @@ use crate::recorder::{Recorder, RecorderSample};
 
 /// The recording starts anew when a joint is faster than this multiple of the
 /// speed of a still arm.
-const RESTART_FACTOR: f64 = 3.0;
+pub(super) const RESTART_FACTOR: f64 = 3.0;
 /// Largest distance of the computed TCP from its place at the first sample, in m, also
 /// of a recording that started anew. A seated TCP rests: the noise of the encoders
 /// moves the computed one by up to 0.07 mm. Beyond it, nest or sphere has moved, and

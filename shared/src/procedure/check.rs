@@ -182,7 +182,7 @@ mod tests {
 
     #[test]
     fn the_defaults_are_the_papers_numbers() {
-        let p = Procedure::default();
+        let p = Procedure::default().paper();
         p.check().expect("the defaults must pass their own check");
         assert_eq!(p.approach.stiffness_n_m, [50.0, 50.0, 100.0]);
         assert_eq!((p.approach.trigger_n, p.approach.speed_m_s), (7.5, 0.025));
