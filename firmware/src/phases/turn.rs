@@ -164,8 +164,11 @@ impl<const N: usize> Turning<N> {
                 None,
             );
         }
-        let creeps = there && env.joint_speed <= CREEP_RAD_S;
-        let most_s = if creeps { turn.longest_settle_s() } else { turn.settle_s };
+        let most_s = if there {
+            turn.most_s(env.joint_speed)
+        } else {
+            turn.settle_s
+        };
         if self.over_s > most_s {
             let (value, limit) = if error > tolerance {
                 (error, tolerance)
@@ -189,9 +192,6 @@ const WIDEST: f64 = 3.0;
 /// How much wider the tolerance of the elbow is after that time. Dry friction of 1 to 2 N m holds the elbow of an arm of
 /// 12 N m at the wrist (a Panda) 0.18 rad from its target.
 const ELBOW_WIDEST: f64 = 2.0;
-/// Speed of a joint in rad/s up to which an arm that is there only creeps. Joints 5 and 7 of an FR3 still turned against
-/// each other with 0.034 rad/s when the settling time was over.
-const CREEP_RAD_S: f64 = 0.1;
 
 /// The arm need not be still at the end of a turn: it comes to rest while the stiffness falls to that of the recording, which
 /// begins when it is.
