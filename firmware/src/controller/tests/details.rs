@@ -261,7 +261,7 @@ fn a_turn_ends_at_rest() {
 }
 
 // Fails if a turn of tool and elbow lags behind its path and swings out at its end: without the moments that accelerate
-// both it took 0.4 s and more. The bench's model is exact; what is left is the wait of 20 ms and the friction of the nest.
+// both it took 0.17 s and more. The bench's model is exact; what is left is the wait of 20 ms and the friction of the nest.
 #[test]
 fn a_turn_leaves_the_arm_at_rest() {
     for angle in [0.1, 0.3, 0.6] {
