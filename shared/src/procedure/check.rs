@@ -192,6 +192,10 @@ mod tests {
             (20.0, 5.0, 1000)
         );
         assert_eq!(p.law.damping_ratio, 0.7);
+        // Nothing else is the paper's: the rest is as by default.
+        let (mut rest, default) = (p, Procedure::default());
+        (rest.couple, rest.record, rest.turn, rest.law) = (default.couple, default.record, default.turn, default.law);
+        assert_eq!(rest, default);
     }
 
     #[test]
