@@ -57,11 +57,9 @@ fn slow_one_seed_gives_one_summary() {
     assert_eq!(printed, a);
     assert_eq!(a["poses"]["recorded"], a["poses"]["chosen"]);
     assert_eq!(a["faults"], Value::Array(Vec::new()));
-    let said = text(&first.stderr);
-    let planned = said
-        .split_once("about ")
-        .and_then(|(_, rest)| rest.split_once(" s of robot time"));
-    let planned_s: f64 = planned.expect("the plan says its time").0.parse().expect("a number");
+    let plan = spherecal(folder, &["plan", "--poses", "12", "--json", "--seed", "7"]);
+    let plan: Value = serde_json::from_slice(&plan.stdout).expect("stdout is one JSON document");
+    let planned_s = plan["robot_s"].as_f64().expect("a number");
     let took_s = a["simulated_s"].as_f64().expect("a number");
     assert!(
         (took_s / planned_s - 1.0).abs() < 0.05,

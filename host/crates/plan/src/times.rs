@@ -22,7 +22,7 @@ const SETTLE_S: f64 = 0.55;
 /// Exchange of messages at a pose that is only passed, in s.
 const PASS_S: f64 = 0.1;
 /// Descent until contact, and leaving the sphere, in s, of a visit.
-const VISIT_S: f64 = 7.4;
+const VISIT_S: f64 = 7.9;
 
 /// Time of a quintic from rest to rest over `distance`, in s. Its peak speed is 1.875 times the
 /// mean; its peak acceleration is 5.774 times the distance over the time squared.
