@@ -242,7 +242,7 @@ mod tests {
     fn a_turn_is_accelerated_as_planned() {
         let arm = Arm::<f64, 7>::new(&iiwa7(), &iiwa7_tool()).expect("the built-in robot");
         for motors in [[0.0; 7], [0.46, 1.1, 0.8, 0.45, 0.35, 0.35, 0.35]] {
-            let drive = crate::law::Actuation::new(motors, 1e-3, 0.0);
+            let drive = crate::Actuation::new(motors, 1e-3, 0.0);
             let snapshot = Snapshot::on(&drive, &arm, &HOME, &[0.0; 7]).expect("a mass matrix");
             let mut setpoint = CartesianSetpoint::at(snapshot.tcp.position, snapshot.tcp.rotation);
             setpoint.acceleration = Vector3::new(1.1, -0.7, 1.9);
