@@ -46,16 +46,17 @@ impl Profile {
         self.duration_s
     }
 
-    /// `s` and `ds/dt` (1/s) at time `t` (s).
+    /// `s`, `ds/dt` (1/s) and `d²s/dt²` (1/s²) at time `t` (s).
     #[inline]
-    pub(crate) fn at(&self, t: f64) -> (f64, f64) {
+    pub(crate) fn at(&self, t: f64) -> (f64, f64, f64) {
         if !(t < self.duration_s) {
-            return (1.0, 0.0);
+            return (1.0, 0.0, 0.0);
         }
         let x = (t / self.duration_s).max(0.0);
         let s = x * x * x * (10.0 + x * (-15.0 + 6.0 * x));
         let ds = 30.0 * x * x * (1.0 + x * (-2.0 + x)) / self.duration_s;
-        (s, ds)
+        let dds = 60.0 * x * (1.0 + x * (-3.0 + 2.0 * x)) / (self.duration_s * self.duration_s);
+        (s, ds, dds)
     }
 }
 
@@ -91,7 +92,7 @@ impl<const N: usize> JointMove<N> {
     /// Setpoint at time `t` (s) since the start.
     #[inline]
     pub(crate) fn at(&self, t: f64) -> JointSetpoint<N> {
-        let (s, ds) = self.profile.at(t);
+        let (s, ds, _) = self.profile.at(t);
         let mut setpoint = JointSetpoint {
             q: self.target,
             dq: [0.0; N],
@@ -124,10 +125,14 @@ pub(crate) struct TurnSetpoint {
     pub(crate) rotation: Matrix3<f64>,
     /// Angular velocity in F0, in rad/s.
     pub(crate) angular: Vector3<f64>,
+    /// Angular acceleration in F0, in rad/s².
+    pub(crate) angular_acceleration: Vector3<f64>,
     /// Elbow angle, in rad.
     pub(crate) elbow: f64,
     /// Rate of the elbow angle, in rad/s.
     pub(crate) elbow_rate: f64,
+    /// Acceleration of the elbow angle, in rad/s².
+    pub(crate) elbow_acceleration: f64,
 }
 
 impl TurnMove {
@@ -166,7 +171,7 @@ impl TurnMove {
     /// Setpoint at time `t` (s) since the start.
     #[inline]
     pub(crate) fn at(&self, t: f64) -> TurnSetpoint {
-        let (s, ds) = self.profile.at(t);
+        let (s, ds, dds) = self.profile.at(t);
         let rotation = if s >= 1.0 {
             self.target
         } else {
@@ -175,8 +180,10 @@ impl TurnMove {
         TurnSetpoint {
             rotation,
             angular: self.axis * (self.angle * ds),
+            angular_acceleration: self.axis * (self.angle * dds),
             elbow: self.elbow_start + self.elbow_change * s,
             elbow_rate: self.elbow_change * ds,
+            elbow_acceleration: self.elbow_change * dds,
         }
     }
 }
@@ -260,14 +267,15 @@ mod tests {
             let profile = Profile::over(distance, speed, acceleration);
             let n = 2000;
             let dt = profile.duration_s() / f64::from(n);
-            let (mut last, mut last_rate) = profile.at(0.0);
-            prop_assert_eq!((last, last_rate), (0.0, 0.0));
+            let (mut last, mut last_rate, mut last_change) = profile.at(0.0);
+            prop_assert_eq!((last, last_rate, last_change), (0.0, 0.0, 0.0));
             for k in 1..=n {
-                let (s, ds) = profile.at(f64::from(k) * dt);
+                let (s, ds, dds) = profile.at(f64::from(k) * dt);
                 prop_assert!(s >= last && ds * distance <= speed * 1.000_001);
                 prop_assert!((ds - last_rate).abs() * distance <= acceleration * dt * 1.001);
                 prop_assert!((s - last - 0.5 * (ds + last_rate) * dt).abs() < 1e-6);
-                (last, last_rate) = (s, ds);
+                prop_assert!((ds - last_rate - 0.5 * (dds + last_change) * dt).abs() * profile.duration_s() < 1e-6);
+                (last, last_rate, last_change) = (s, ds, dds);
             }
             prop_assert!((last - 1.0).abs() < 1e-12);
         }

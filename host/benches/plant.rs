@@ -242,7 +242,14 @@ const CASES: &[Case] = &[
     Case {
         name: "controller: null space",
         make: || {
-            let (snapshot, elbow) = (snapshot(), NullSpace::<7>::Elbow { angle: 0.1, rate: 0.0 });
+            let (snapshot, elbow) = (
+                snapshot(),
+                NullSpace::<7>::Elbow {
+                    angle: 0.1,
+                    rate: 0.0,
+                    acceleration: 0.0,
+                },
+            );
             let limits: [_; 7] = std::array::from_fn(|joint| iiwa7().joints[joint].limits);
             Box::new(move || {
                 black_box(elbow.torque(black_box(&snapshot), black_box(&limits), 50.0, 0.7));

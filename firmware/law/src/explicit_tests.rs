@@ -143,6 +143,7 @@ fn the_spring_pulls_in_proportion_and_ramps_straight() {
         position: still.tcp.position + Vector3::new(0.01, -0.02, 0.03),
         rotation: rotation_about(&axis, 0.2) * still.tcp.rotation,
         velocity: Vector6::zeros(),
+        acceleration: Vector3::zeros(),
         feed_forward: Vector6::new(1.0, 2.0, 3.0, 4.0, 5.0, 6.0),
     };
     for tick in 1..=10 {
@@ -226,6 +227,7 @@ fn the_elbow_is_pulled_the_shorter_way() {
             let null_space = NullSpace::Elbow {
                 angle: now.angle + error,
                 rate: 0.0,
+                acceleration: 0.0,
             };
             assert!((null_space.elbow_error(&still) - short).abs() < 1e-9);
             let torque = null_space.torque(&still, &[NO_LIMITS; 7], 50.0, 0.7);

@@ -22,12 +22,14 @@ use super::snapshot::Snapshot;
 pub enum NullSpace<const N: usize> {
     /// None: the arm is not redundant.
     Free,
-    /// An elbow angle and its rate.
+    /// An elbow angle, its rate and its acceleration.
     Elbow {
         /// Elbow angle, in rad.
         angle: f64,
         /// Rate of the elbow angle, in rad/s.
         rate: f64,
+        /// Acceleration of the elbow angle, in rad/s².
+        acceleration: f64,
     },
     /// Joint angles, in rad.
     Posture([f64; N]),
@@ -47,6 +49,7 @@ impl<const N: usize> NullSpace<N> {
             Some(now) => Self::Elbow {
                 angle: now.angle,
                 rate: 0.0,
+                acceleration: 0.0,
             },
             None if N > 6 => Self::Posture(snapshot.q),
             None => Self::Free,
@@ -66,8 +69,12 @@ impl<const N: usize> NullSpace<N> {
     ) -> SVector<f64, N> {
         match self {
             Self::Free => SVector::zeros(),
-            Self::Elbow { angle, rate } => match elbow(&snapshot.frames) {
-                Some(now) => elbow_torque(snapshot, limits, &now, (*angle, *rate), stiffness, ratio),
+            Self::Elbow {
+                angle,
+                rate,
+                acceleration,
+            } => match elbow(&snapshot.frames) {
+                Some(now) => elbow_torque(snapshot, limits, &now, (*angle, *rate, *acceleration), stiffness, ratio),
                 None => SVector::zeros(),
             },
             Self::Posture(posture) => {
@@ -116,7 +123,7 @@ fn elbow_torque<const N: usize>(
     snapshot: &Snapshot<N>,
     limits: &[JointLimits; N],
     now: &Elbow<f64>,
-    (angle, rate): (f64, f64),
+    (angle, rate, acceleration): (f64, f64, f64),
     stiffness: f64,
     ratio: f64,
 ) -> SVector<f64, N> {
@@ -136,10 +143,14 @@ fn elbow_torque<const N: usize>(
             now_rate += y[k] * lower[(i, k)] * snapshot.dq[i];
         }
     }
+    let fastest = snapshot.fastest_rad_s * snapshot.fastest_rad_s / mobility;
+    let stiffness = stiffness.min(fastest);
     let damping = 2.0 * ratio * sqrt(stiffness / mobility);
     let error = difference(angle, now.angle);
     let firm = ((FAR_RAD - error.abs()) / (FAR_RAD - FIRM_RAD)).max(0.0).min(1.0);
-    let mut force = stiffness * firm * error + damping * (rate - now_rate);
+    let bounded = |torque: f64| torque.max(-MOST_NM).min(MOST_NM);
+    let spring = firm * bounded(stiffness * error);
+    let mut force = spring + damping * (rate - now_rate) + bounded(acceleration / mobility);
     if let Some((joint, inwards)) = nearest_to_its_limit(snapshot, limits) {
         // How the joint turns with the elbow, and its mobility in the null space.
         let ratio_of_joint = snapshot.mass.solve_upper(&y)[joint] / mobility;
@@ -156,6 +167,8 @@ fn elbow_torque<const N: usize>(
     torque * force
 }
 
+/// Largest torque of the spring of the elbow, and of what accelerates it, in N m: 100 N at an elbow that stands 0.25 m off its axis.
+const MOST_NM: f64 = 25.0;
 /// The spring of the elbow is whole up to this error, in rad, and pulls no more beyond the next one.
 ///
 /// A turn is stopped long before. But an arm that is pushed through its stretched posture has its elbow on the
@@ -243,7 +256,7 @@ mod tests {
             let dq: [f64; 7] = motion.into();
             let moving = Snapshot::new(&arm, &q, &dq).expect("a mass matrix");
             let (stiffness, ratio) = (8.0, 0.7);
-            let torque = NullSpace::Elbow { angle: now, rate: 0.0 }.torque(&moving, &[NO_LIMITS; 7], stiffness, ratio);
+            let torque = NullSpace::Elbow { angle: now, rate: 0.0, acceleration: 0.0 }.torque(&moving, &[NO_LIMITS; 7], stiffness, ratio);
             let mut matrix = arm.bodies(&arm.frames(&q)).mass_matrix();
             arm.add_rotors(&mut matrix);
             let momentum = matrix * motion;
@@ -251,8 +264,32 @@ mod tests {
             let expected = momentum * (-2.0 * ratio * sqrt(stiffness / inertia));
             prop_assert!((torque - expected).norm() < 1e-3 * expected.norm(), "{torque} is not {expected}");
             // The spring pulls the elbow towards its angle, not away from it.
-            let pull = NullSpace::Elbow { angle: now + 0.1, rate: 0.0 }.torque(&snapshot, &[NO_LIMITS; 7], stiffness, ratio);
+            let pull = NullSpace::Elbow { angle: now + 0.1, rate: 0.0, acceleration: 0.0 }.torque(&snapshot, &[NO_LIMITS; 7], stiffness, ratio);
             prop_assert!(pull.dot(&motion) * rate > 0.0);
+        }
+
+        // Fails if the elbow is accelerated by another acceleration than that of its setpoint, if that moves the TCP, or if
+        // the torque is more than 25 N m of the elbow.
+        #[test]
+        fn the_elbow_is_accelerated_as_planned(
+            which in 0usize..7,
+            q in prop::array::uniform7(-1.8f64..1.8),
+            acceleration in -3.0f64..3.0,
+        ) {
+            let snapshot = Snapshot::new(&arm(which), &q, &[0.0; 7]).expect("a mass matrix");
+            prop_assume!(!snapshot.near_singular);
+            let Some(now) = elbow(&snapshot.frames) else { return Ok(()) };
+            let asked = NullSpace::Elbow { angle: now.angle, rate: 0.0, acceleration };
+            let motion = snapshot.mass.solve(&asked.torque(&snapshot, &[NO_LIMITS; 7], 50.0, 0.7));
+            prop_assert!((snapshot.jacobian * motion).norm() <= 1e-6 * (1.0 + motion.norm()));
+            let gradient = SVector::from(now.gradient(&snapshot.frames));
+            let is = gradient.dot(&motion);
+            // Of 1 rad of error; 50 N m/rad of it are 25 N m at half a radian.
+            let pulled = NullSpace::Elbow { angle: now.angle + 0.1, rate: 0.0, acceleration: 0.0 };
+            let unit = snapshot.mass.solve(&pulled.torque(&snapshot, &[NO_LIMITS; 7], 50.0, 0.7)) / 5.0;
+            let most = MOST_NM * gradient.dot(&unit);
+            let expected = acceleration.max(-most).min(most);
+            prop_assert!((is - expected).abs() < 1e-6 * (1.0 + expected.abs()), "{is} is not {expected} rad/s²");
         }
 
         // Fails if an elbow that is on the other side is pulled round, or if the spring is not that of its error
@@ -268,7 +305,7 @@ mod tests {
             let Some(now) = elbow(&snapshot.frames) else { return Ok(()) };
             let pull = |error: f64| {
                 let angle = now.angle + error;
-                NullSpace::Elbow { angle, rate: 0.0 }.torque(&snapshot, &[NO_LIMITS; 7], 50.0, 0.7)
+                NullSpace::Elbow { angle, rate: 0.0, acceleration: 0.0 }.torque(&snapshot, &[NO_LIMITS; 7], 50.0, 0.7)
             };
             let (torque, unit) = (pull(error), pull(0.1) / 0.1);
             let most = unit.norm() * FIRM_RAD;
@@ -303,7 +340,7 @@ mod tests {
                 limits[joint].min_rad = q[joint] - left_rad;
             }
             // At its angle the elbow's own spring is at rest.
-            let rests = NullSpace::Elbow { angle: now.angle, rate: 0.0 };
+            let rests = NullSpace::Elbow { angle: now.angle, rate: 0.0, acceleration: 0.0 };
             let torque = rests.torque(&snapshot, &limits, 50.0, 0.7);
             if left_rad >= NEAR_RAD {
                 prop_assert!(torque.norm() == 0.0);

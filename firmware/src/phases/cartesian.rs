@@ -134,7 +134,8 @@ mod tests {
             null_space,
             NullSpace::Elbow {
                 angle: now.angle,
-                rate: 0.0
+                rate: 0.0,
+                acceleration: 0.0,
             }
         );
         let q = [0.1, 0.7, 0.0, 0.0, 0.0, 0.5, 0.0];

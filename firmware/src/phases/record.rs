@@ -1,4 +1,4 @@
-//! Recording at a pose: at 5 N/m, 1,000 consecutive ticks of a seated and still
+//! Recording at a pose: at 5 N/m, consecutive ticks of a seated and still
 //! arm, then a short pull along the axis of the nest.
 //!
 //! Friction can hold a nest still although its magnet has let go, and the samples
@@ -15,7 +15,7 @@ use crate::recorder::{Recorder, RecorderSample};
 
 /// The recording starts anew when a joint is faster than this multiple of the
 /// speed of a still arm.
-const RESTART_FACTOR: f64 = 3.0;
+pub(super) const RESTART_FACTOR: f64 = 3.0;
 /// Largest distance of the computed TCP from its place at the first sample, in m, also
 /// of a recording that started anew. A seated TCP rests: the noise of the encoders
 /// moves the computed one by up to 0.07 mm. Beyond it, nest or sphere has moved, and
@@ -110,7 +110,7 @@ impl<const N: usize> RecordingPose<N> {
             let still = cartesian.impedance.settled() && env.joint_speed <= turn.still_rad_s;
             self.still_s = if still { self.still_s + env.period_s } else { 0.0 };
             if self.still_s < STILL_S {
-                if env.elapsed_s - self.started_s > turn.settle_s {
+                if env.elapsed_s - self.started_s > turn.most_s(env.joint_speed) {
                     return Next::fail(Fault::MotionTimeout, env.joint_speed, turn.still_rad_s);
                 }
                 return Next::Stay;
@@ -119,7 +119,8 @@ impl<const N: usize> RecordingPose<N> {
         } else if env.joint_speed > RESTART_FACTOR * turn.still_rad_s {
             self.recorder = Recorder::default();
             self.still_s = 0.0;
-            if env.elapsed_s > turn.settle_s + 2.0 * f64::from(env.procedure.record.samples) * env.period_s {
+            let samples_s = f64::from(env.procedure.record.samples) * env.period_s;
+            if env.elapsed_s > turn.most_s(env.joint_speed) + 2.0 * samples_s {
                 return Next::fail(Fault::MotionTimeout, env.joint_speed, RESTART_FACTOR * turn.still_rad_s);
             }
             return Next::Stay;

@@ -4,7 +4,7 @@
 use nalgebra::Matrix3;
 use spherecal_shared::protocol::host::Fault;
 
-use super::record::RecordingPose;
+use super::record::{RESTART_FACTOR, RecordingPose};
 use super::speed_scaling::{SpeedScaling, joint_load};
 use super::{Activity, CartesianState, Env, Next, STILL_S};
 use crate::Report;
@@ -98,17 +98,20 @@ impl<const N: usize> Turning<N> {
     pub(crate) fn step(&mut self, env: &Env<'_, N>, cartesian: &mut CartesianState<N>) -> Next<N> {
         self.advance(env);
         let at = self.path.at(self.along_s);
+        let rate = self.scaling.rate();
         cartesian.setpoint.rotation = at.rotation;
+        cartesian.setpoint.acceleration = at.angular_acceleration * (rate * rate);
         cartesian
             .setpoint
             .velocity
             .fixed_rows_mut::<3>(3)
-            .copy_from(&(at.angular * self.scaling.rate()));
+            .copy_from(&(at.angular * rate));
         match &self.null {
             NullMove::Elbow => {
                 cartesian.null_space = NullSpace::Elbow {
                     angle: at.elbow,
-                    rate: at.elbow_rate * self.scaling.rate(),
+                    rate: at.elbow_rate * rate,
+                    acceleration: at.elbow_acceleration * (rate * rate),
                 }
             }
             NullMove::Posture(start, target) => {
@@ -149,7 +152,8 @@ impl<const N: usize> Turning<N> {
         if there && !self.pose.record {
             return Next::Enter(Activity::Coupled, Some(Report::Passed { pose: self.pose.id }));
         }
-        self.still_s = if there && env.joint_speed <= turn.still_rad_s {
+        let slow_rad_s = SLOW_FACTOR * turn.still_rad_s;
+        self.still_s = if there && env.joint_speed <= slow_rad_s {
             self.still_s + env.period_s
         } else {
             0.0
@@ -160,15 +164,18 @@ impl<const N: usize> Turning<N> {
                 None,
             );
         }
-        let creeps = there && env.joint_speed <= CREEP_RAD_S;
-        let most_s = if creeps { turn.longest_settle_s() } else { turn.settle_s };
+        let most_s = if there {
+            turn.most_s(env.joint_speed)
+        } else {
+            turn.settle_s
+        };
         if self.over_s > most_s {
             let (value, limit) = if error > tolerance {
                 (error, tolerance)
             } else if elbow_error > elbow_tolerance {
                 (elbow_error, elbow_tolerance)
             } else {
-                (env.joint_speed, turn.still_rad_s)
+                (env.joint_speed, slow_rad_s)
             };
             return Next::fail(Fault::MotionTimeout, value, limit);
         }
@@ -185,9 +192,10 @@ const WIDEST: f64 = 3.0;
 /// How much wider the tolerance of the elbow is after that time. Dry friction of 1 to 2 N m holds the elbow of an arm of
 /// 12 N m at the wrist (a Panda) 0.18 rad from its target.
 const ELBOW_WIDEST: f64 = 2.0;
-/// Speed of a joint in rad/s up to which an arm that is there only creeps. Joints 5 and 7 of an FR3 still turned against
-/// each other with 0.034 rad/s when the settling time was over.
-const CREEP_RAD_S: f64 = 0.1;
+
+/// The arm need not be still at the end of a turn: it comes to rest while the stiffness falls to that of the recording, which
+/// begins when it is.
+const SLOW_FACTOR: f64 = RESTART_FACTOR;
 
 /// Share of the joints' speed limits above which a turn slows down.
 const SLOW_DOWN_SHARE: f64 = 0.6;
@@ -240,8 +248,8 @@ mod tests {
             (timeout(0.1, 0.2, 1.0), 0.1, 0.02),
             (timeout(0.03, 0.0, 0.0), 0.03, 0.02),
             (timeout(0.01, 0.3, 1.0), 0.3, 0.2),
-            (timeout(0.01, 0.05, 1.0), 1.0, 0.002),
-            (timeout(0.01, 0.05, 0.01), 0.01, 0.002),
+            (timeout(0.01, 0.05, 1.0), 1.0, 0.006),
+            (timeout(0.01, 0.05, 0.01), 0.01, 0.006),
         ] {
             assert!((turn.0 - reported).abs() < 1e-9 && turn.1 == limit, "{turn:?}");
         }

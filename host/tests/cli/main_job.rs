@@ -38,7 +38,7 @@ fn refused(folder: &Path, arguments: &[&str], words: &[&str]) {
 
 // Fails if two runs of one seed differ in anything but wall times, if another
 // seed gives the same, if stdout is not exactly summary.json, if a pose is lost
-// or a fault occurs, or if a file is missing.
+// or a fault occurs, if the robot takes 5 % more or less time than planned, or if a file is missing.
 #[test]
 #[ignore = "slow: the gate runs it"]
 fn slow_one_seed_gives_one_summary() {
@@ -57,6 +57,14 @@ fn slow_one_seed_gives_one_summary() {
     assert_eq!(printed, a);
     assert_eq!(a["poses"]["recorded"], a["poses"]["chosen"]);
     assert_eq!(a["faults"], Value::Array(Vec::new()));
+    let plan = spherecal(folder, &["plan", "--poses", "12", "--json", "--seed", "7"]);
+    let plan: Value = serde_json::from_slice(&plan.stdout).expect("stdout is one JSON document");
+    let planned_s = plan["robot_s"].as_f64().expect("a number");
+    let took_s = a["simulated_s"].as_f64().expect("a number");
+    assert!(
+        (took_s / planned_s - 1.0).abs() < 0.05,
+        "{took_s} s, planned {planned_s} s"
+    );
     // One of each sphere, or up to five where another branch is worth it, and a second visit to each, of which some
     // are repeated: nests of this arm seat badly now and then.
     let contacts = a["contacts"].as_array().map_or(0, Vec::len);

@@ -182,7 +182,7 @@ mod tests {
 
     #[test]
     fn the_defaults_are_the_papers_numbers() {
-        let p = Procedure::default();
+        let p = Procedure::default().paper();
         p.check().expect("the defaults must pass their own check");
         assert_eq!(p.approach.stiffness_n_m, [50.0, 50.0, 100.0]);
         assert_eq!((p.approach.trigger_n, p.approach.speed_m_s), (7.5, 0.025));
@@ -192,6 +192,10 @@ mod tests {
             (20.0, 5.0, 1000)
         );
         assert_eq!(p.law.damping_ratio, 0.7);
+        // Nothing else is the paper's: the rest is as by default.
+        let (mut rest, default) = (p, Procedure::default());
+        (rest.couple, rest.record, rest.turn, rest.law) = (default.couple, default.record, default.turn, default.law);
+        assert_eq!(rest, default);
     }
 
     #[test]

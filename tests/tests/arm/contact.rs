@@ -101,7 +101,7 @@ fn long_a_nest_centres_itself_from_every_side() {
 }
 
 /// Fails if the nest leaves the sphere, the controller faults, or a recording
-/// is not the mean of 1,000 consecutive samples of a seated nest, through
+/// is not the mean of 200 consecutive samples of a seated nest, through
 /// turns of 20 degrees about all axes and elbow turns of 20 degrees.
 #[test]
 fn a_seated_nest_stays_seated_through_the_turns() {
@@ -138,7 +138,7 @@ fn a_seated_nest_stays_seated_through_the_turns() {
     let recordings = recordings(&rig);
     assert_eq!(recordings.len(), 15);
     for recording in &recordings {
-        assert_eq!((recording.count, recording.gaps), (1000, 0));
+        assert_eq!((recording.count, recording.gaps), (200, 0));
         assert!(recording.tcp_spread_m < 2e-5, "{recording:?}");
         assert!(
             recording

@@ -43,7 +43,11 @@ impl Loop {
             drive,
             impedance: Impedance::new(stiffness),
             setpoint: CartesianSetpoint::at(tcp.position, tcp.rotation),
-            null_space: NullSpace::Elbow { angle, rate: 0.0 },
+            null_space: NullSpace::Elbow {
+                angle,
+                rate: 0.0,
+                acceleration: 0.0,
+            },
             procedure: Procedure::default(),
         };
         for _ in 0..30 {

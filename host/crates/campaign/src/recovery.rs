@@ -104,7 +104,7 @@ pub fn policy(fault: Fault) -> Policy {
             true,
         ),
         Fault::MotionTimeout => (
-            "a motion has not settled 3 s (turning 4 s; 12 s if it is there and creeps) past its end",
+            "a motion has not settled 3 s (turning and recording 4 s; 12 s if it is there and creeps) past its end",
             1,
             HOLDS,
             0.5,

@@ -131,6 +131,16 @@ impl Config {
         Self::parse("the stored configuration", text)
     }
 
+    /// The procedure as it is carried out: with the paper's times where the paper's grid is asked for.
+    #[must_use]
+    pub fn carried_out(&self) -> Procedure {
+        if self.plan.paper {
+            self.procedure.paper()
+        } else {
+            self.procedure
+        }
+    }
+
     /// Checks every number that has a range, except those of `[plant]`, which the simulator checks.
     ///
     /// # Errors

@@ -58,7 +58,7 @@ impl PreparedRun {
     /// # Errors
     /// No plan can be made for the robot.
     pub fn procedure(&self) -> Result<Procedure, JobError> {
-        let mut procedure = self.config.procedure;
+        let mut procedure = self.config.carried_out();
         let chain = Chain::new(&self.robot, &self.tool)?;
         if let Some(bounds) = plan::Bounds::of(&self.plan, &chain) {
             let section = &self.config.plan;

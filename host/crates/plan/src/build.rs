@@ -6,11 +6,12 @@ use super::cell::Cell;
 use super::error::PlanError;
 use super::grid::{Grid, GridPose};
 use super::order::{move_size, order, round_trip, spread};
-use super::path::{Rules, move_angle};
+use super::path::Rules;
 use super::start::{PlacedCell, Start, home};
-use super::times::{RECORD_S, VISIT_S, motion_s, turn_s};
+use super::times::robot_time;
 use super::types::{Plan, PlannedPose, Rejection, Visit};
 use spherecal_model::chain::{Chain, TcpPose, quaternion};
+use spherecal_shared::procedure::Procedure;
 
 /// What to plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -134,7 +135,7 @@ pub fn plan(cell: &Cell, request: &PlanRequest) -> Result<Plan, PlanError> {
             });
         }
     }
-    plan.robot_s = robot_time(&plan);
+    plan.robot_s = robot_time(&plan, &Procedure::default(), true);
     Ok(plan)
 }
 
@@ -206,47 +207,6 @@ pub(super) fn sequence(
         ));
     }
     out
-}
-
-/// Predicted time of turning through the poses and recording, in s.
-pub(super) fn turning_time(start: &TcpPose, poses: &[PlannedPose]) -> f64 {
-    let mut here = *start;
-    let mut time = 0.0;
-    for pose in poses {
-        let next = TcpPose {
-            position: here.position,
-            rotation: spherecal_model::chain::rotation_of(&pose.orientation),
-            elbow: pose.elbow_rad,
-        };
-        time += turn_s(move_angle(&here, &next));
-        if !pose.via {
-            time += RECORD_S;
-        }
-        here = next;
-    }
-    time
-}
-
-/// Predicted time of a whole plan, in s: travelling, approaching, turning, recording.
-pub(super) fn robot_time(plan: &Plan) -> f64 {
-    let home = &plan.home.joints;
-    let mut here = home;
-    let mut time = 0.0;
-    for visit in &plan.spheres {
-        if visit.over_home {
-            time += motion_s(here, home);
-            here = home;
-        }
-        let approach = &visit.approach;
-        let start = TcpPose {
-            position: visit.position_m.into(),
-            rotation: spherecal_model::chain::rotation_of(&approach.orientation),
-            elbow: approach.elbow_rad,
-        };
-        time += motion_s(here, &approach.joints) + VISIT_S + turning_time(&start, &visit.poses);
-        here = &approach.joints;
-    }
-    time + motion_s(here, home)
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use nalgebra::Vector3;
 
-use super::build::{robot_time, sequence};
+use super::build::sequence;
 use super::candidates::{Candidate, CandidateVisit, candidates, visits};
 use super::cell::Cell;
 use super::design_request::DesignRequest;
@@ -13,11 +13,13 @@ use super::error::PlanError;
 use super::grid::GridPose;
 use super::optimal::{Design, SelectionProblem};
 use super::start::home;
+use super::times::robot_time;
 use super::travel::{Travel, tour};
 use super::types::{Plan, Visit, Waypoint};
 use spherecal_identify::{DesignModel, Options};
 use spherecal_model::chain::Chain;
 use spherecal_model::workspace;
+use spherecal_shared::procedure::Procedure;
 
 /// Validation configurations that the criterion averages over.
 const VALIDATION: usize = 200;
@@ -161,7 +163,7 @@ impl DesignProblem {
                 poses: sequence,
             });
         }
-        plan.robot_s = robot_time(&plan);
+        plan.robot_s = robot_time(&plan, &Procedure::default(), true);
         plan
     }
 }

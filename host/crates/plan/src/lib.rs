@@ -61,4 +61,5 @@ pub use place::suggest;
 pub use scene::Scene;
 pub use start::home;
 pub use teach::teach;
+pub use times::robot_time;
 pub use types::{Accuracy, Plan, PlannedPose, Rejection, Visit, Waypoint};

@@ -120,7 +120,7 @@ pub struct Plan {
     pub reachable: usize,
     /// The others.
     pub rejected: Vec<Rejection>,
-    /// Predicted robot time, in s: visits, turning and recording.
+    /// Predicted robot time, in s: visits, turning, recording and second visits ([`robot_time`](super::robot_time)).
     pub robot_s: f64,
     /// Predicted accuracy against the number of poses. The last item is that of the whole plan.
     /// Empty if none was predicted.

@@ -142,6 +142,7 @@ fn one<const N: usize>(
         position: snapshot.tcp.position + draw.vector(0.05),
         rotation: rotation_about(&axis, angle) * snapshot.tcp.rotation,
         velocity: draw.vector(0.3),
+        acceleration: draw.vector(1.0),
         feed_forward: draw.vector(5.0),
     };
     digest.numbers(&state.impedance.force(snapshot, &setpoint, 0.7));
@@ -154,6 +155,7 @@ fn one<const N: usize>(
         NullSpace::Elbow {
             angle: draw.next(4.0),
             rate: draw.next(0.5),
+            acceleration: draw.next(1.0),
         },
         NullSpace::Posture(draw.array(2.0)),
         NullSpace::Free,

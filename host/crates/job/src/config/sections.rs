@@ -26,8 +26,8 @@ pub enum Choice {
 pub struct PlanSection {
     /// Number of poses over all spheres. 0: every reachable pose of the grid.
     pub poses: usize,
-    /// Take the paper's whole grid by the paper's rules. The other fields of this section then have no effect on
-    /// the choice of poses.
+    /// Take the paper's whole grid by the paper's rules, with the paper's 5 s of hold and 1 s of recording, and with
+    /// turns of 0.5 rad/s and a soft elbow. The other fields of this section then have no effect on the choice of poses.
     pub paper: bool,
     /// Required mean TCP error after alignment of the base, in mm. The plan then has as few optimal poses as
     /// promise it, whatever `poses` says.
