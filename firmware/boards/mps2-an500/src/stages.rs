@@ -109,7 +109,11 @@ pub fn run() -> ! {
         measure(&mut costs[8].1, overhead, || {
             impedance.force(snapshot, black_box(&setpoint), 0.7)
         });
-        let elbow = black_box(NullSpace::<N>::Elbow { angle: 0.1, rate: 0.0 });
+        let elbow = black_box(NullSpace::<N>::Elbow {
+            angle: 0.1,
+            rate: 0.0,
+            acceleration: 0.0,
+        });
         let torque = measure(&mut costs[9].1, overhead, || {
             elbow.torque(snapshot, black_box(&limits), 50.0, 0.7)
         });
