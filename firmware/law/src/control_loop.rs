@@ -17,7 +17,10 @@ const SLACK: f64 = 1e-9;
 
 /// What the arm is pulled to.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "it lives on the stack: the law allocates nothing")]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "it lives on the stack: the law allocates nothing"
+)]
 pub enum Goal<const N: usize> {
     /// Pose of the TCP: Cartesian impedance.
     Pose(CartesianSetpoint),

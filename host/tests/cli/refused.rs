@@ -422,9 +422,9 @@ fn slow_a_run_stops_where_a_sphere_has_moved() {
         assert!(said.contains(word), "\"{word}\" is not said: {said}");
     }
     let size = said
-        .split("sphere 2 is ")
-        .nth(1)
-        .and_then(|rest| rest.split(" mm").next());
+        .split(" mm from where it was at the same visit")
+        .next()
+        .and_then(|before| before.rsplit(' ').next());
     let size: Option<f64> = size.and_then(|size| size.parse().ok());
     assert!(size.is_some_and(|size| (size - 3.0).abs() < 0.1), "3 mm: {said}");
     assert!(

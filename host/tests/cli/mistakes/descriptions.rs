@@ -204,7 +204,7 @@ pub(super) fn mistakes() -> Vec<Mistake> {
             ROBOT_URDF,
             "a URDF in millimetres",
             "bad.urdf",
-            urdf.replacen("0.1625", "162.5", 1),
+            urdf.replace("0.1625", "162.5"),
             &["origin xyz", "162.5", "lengths are in m"],
         ),
         with(
