@@ -211,7 +211,7 @@ pub(super) fn mistakes() -> Vec<Mistake> {
             ROBOT_URDF,
             "an unexpanded xacro",
             "bad.urdf",
-            urdf.replacen("0.1625", "${d1}", 1),
+            urdf.replace("0.1625", "${d1}"),
             &["${d1}", "xacro"],
         ),
         with(
