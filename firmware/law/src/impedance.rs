@@ -192,24 +192,12 @@ const MOST_AHEAD_RAD: f64 = 0.1;
 /// would lag by `acceleration / ω²`, and swing this out when the turn has ended: 1 s of a turn of 2 s.
 #[inline]
 fn ahead<const N: usize>(snapshot: &Snapshot<N>, acceleration: &Vector3<f64>, stiffness: &Stiffness) -> Vector3<f64> {
-    // With the force that leaves the TCP at rest the mobility of the rotation is L L' of the factor's last block.
-    let lower = snapshot.mobility.lower();
-    let l = |i: usize, k: usize| lower[(3 + i, 3 + k)];
-    let mut y = *acceleration;
-    for i in 0..3 {
-        for k in 0..i {
-            y[i] -= l(i, k) * y[k];
-        }
-        y[i] /= l(i, i);
-    }
-    for i in (0..3).rev() {
-        for k in (i + 1)..3 {
-            y[i] -= l(k, i) * y[k];
-        }
-        y[i] /= l(i, i);
-    }
+    // The inertia of the rotation, with the force that leaves the TCP at rest, is the last block of the inverse mobility.
+    let a = acceleration;
+    let wrench = snapshot.mobility.solve(&Vector6::new(0.0, 0.0, 0.0, a.x, a.y, a.z));
+    let moment = Vector3::new(wrench[3], wrench[4], wrench[5]);
     let most = MOST_AHEAD_RAD * stiffness.rotation;
-    y * (most / y.norm().max(most))
+    moment * (most / moment.norm().max(most))
 }
 
 #[cfg(test)]
