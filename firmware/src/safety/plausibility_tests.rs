@@ -70,6 +70,25 @@ fn one_false_angle_after_a_gap_is_forgotten() {
     assert_eq!(run(2).map(|found| found.fault), Some(Fault::PositionJump));
 }
 
+// Fails if a false angle that an absurd speed before it made room for becomes the place from which all true angles are jumps.
+#[test]
+fn one_false_angle_after_a_false_speed_is_forgotten() {
+    let limits = Limits::default();
+    let mut watch = Plausibility::default();
+    let mut look = |tick, q, dq| {
+        let state = JointState {
+            dq: [dq; 7],
+            ..at(q, tick as f64)
+        };
+        watch.check(tick, &state, &[0.0; 7], &joints(), &limits, 1e-3)
+    };
+    assert_eq!(look(1, 0.0, 0.0), None);
+    assert_eq!(look(2, 0.0, 999.0), None);
+    assert_eq!(look(3, 0.03, 0.0), None, "by twenty times the limit");
+    assert_eq!(look(4, 0.0, 0.0), None);
+    assert_eq!(look(5, 0.03, 0.0).map(|found| found.fault), Some(Fault::PositionJump));
+}
+
 // Fails if a frozen drive is not found in time, or if a simulator without
 // noise that stands under the same torque is taken for one.
 #[test]
