@@ -33,7 +33,7 @@ pub use error::DataError;
 pub use file::{FileError, open_regular, read_text};
 pub use fit::fit_pose;
 pub use new_file::{NewFile, write_file};
-pub use printable::{excerpt, printable, printable_lines};
+pub use printable::{excerpt, name_of, printable, printable_lines};
 pub use shot::{LaserShot, TrackerSession};
 pub use spherecal_shared::robot::Pose;
 pub use toml_words::{TomlError, read_toml};

@@ -96,6 +96,14 @@ pub fn excerpt(text: &str) -> String {
     }
 }
 
+/// Name of a unit variant as serde writes it (`joint_position`); "?" for any other value.
+pub fn name_of(value: impl serde::Serialize) -> String {
+    match serde_json::to_value(value) {
+        Ok(serde_json::Value::String(name)) => name,
+        _ => String::from("?"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

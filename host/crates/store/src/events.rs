@@ -1,7 +1,7 @@
 //! Writes the numbered events of the controller: phases, contacts, couplings, faults and
 //! recordings. A batch is one transaction, and each event is written once.
 
-use serde::Serialize;
+use spherecal_model::name_of;
 use spherecal_shared::protocol::host::{Contact, Coupled, Event, FaultReport, PhaseChange, Recording};
 use sqlx::any::AnyArguments;
 use sqlx::query::Query;
@@ -31,14 +31,6 @@ enum KnownEvent {
     Stays,
     /// It is replaced.
     IsReplaced,
-}
-
-/// Name of a unit variant as serde writes it (`joint_position`).
-fn name_of(value: impl Serialize) -> String {
-    match serde_json::to_value(value) {
-        Ok(serde_json::Value::String(name)) => name,
-        _ => String::from("?"),
-    }
 }
 
 impl SqlStore {

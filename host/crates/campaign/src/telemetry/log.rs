@@ -9,9 +9,10 @@
 
 use serde::Serialize;
 use serde_json::Value;
+use spherecal_model::name_of;
 use spherecal_shared::protocol::host::{Event, FaultReport, Recording};
 
-use super::messages::{Xyz, name_of};
+use super::messages::Xyz;
 use super::ros::{Header, RosMessage, Time};
 use super::utc::Moment;
 use crate::words::describe;
@@ -50,7 +51,6 @@ impl RosMessage for EventMessage {
     const TOPIC: &'static str = "/events";
     const TYPE: &'static str = "spherecal_msgs/msg/Event";
     const FIELDS: &'static str = "builtin_interfaces/Time stamp\nstring kind\nstring data\n";
-    const PARTS: &'static [&'static str] = &["builtin_interfaces/Time"];
 }
 
 /// A fault: `spherecal_msgs/msg/Fault`.
@@ -92,7 +92,6 @@ impl RosMessage for FaultMessage {
     const TYPE: &'static str = "spherecal_msgs/msg/Fault";
     const FIELDS: &'static str = "builtin_interfaces/Time stamp\nstring fault\nstring phase\nuint8 joint\n\
                                   float64 value\nfloat64 limit\nstring text\n";
-    const PARTS: &'static [&'static str] = &["builtin_interfaces/Time"];
 }
 
 /// A contact that was recorded: `geometry_msgs/msg/PointStamped`.
@@ -122,7 +121,6 @@ impl RosMessage for ContactPoint {
     const TOPIC: &'static str = "/contact";
     const TYPE: &'static str = "geometry_msgs/msg/PointStamped";
     const FIELDS: &'static str = "std_msgs/Header header\ngeometry_msgs/Point point\n";
-    const PARTS: &'static [&'static str] = &["std_msgs/Header", "builtin_interfaces/Time", "geometry_msgs/Point"];
 }
 
 /// How much a line of the log matters: the numbers of `rcl_interfaces/msg/Log`.
@@ -173,5 +171,4 @@ impl RosMessage for LogMessage<'_> {
     const TYPE: &'static str = "rcl_interfaces/msg/Log";
     const FIELDS: &'static str = "builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\n\
                                   string function\nuint32 line\n";
-    const PARTS: &'static [&'static str] = &["builtin_interfaces/Time"];
 }

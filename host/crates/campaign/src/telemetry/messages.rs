@@ -20,9 +20,10 @@ use std::borrow::Cow;
 use nalgebra::{Matrix3, Rotation3};
 use serde::{Deserialize, Serialize};
 use spherecal_model::chain::quaternion;
+use spherecal_model::name_of;
 use spherecal_shared::protocol::host::Sample;
 
-use super::ros::{HEADER, Header, RosMessage, Time};
+use super::ros::{Header, RosMessage, Time};
 use crate::force::{WrenchError, magnitude};
 
 /// 2 to the power `-bits`.
@@ -143,7 +144,6 @@ impl RosMessage for JointState<'_> {
     const TYPE: &'static str = "sensor_msgs/msg/JointState";
     const FIELDS: &'static str =
         "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n";
-    const PARTS: &'static [&'static str] = HEADER;
 }
 
 /// A force and a torque: `geometry_msgs/msg/Wrench`.
@@ -187,12 +187,6 @@ impl RosMessage for WrenchStamped<'_> {
     const TOPIC: &'static str = "/wrench";
     const TYPE: &'static str = "geometry_msgs/msg/WrenchStamped";
     const FIELDS: &'static str = "std_msgs/Header header\ngeometry_msgs/Wrench wrench\n";
-    const PARTS: &'static [&'static str] = &[
-        "std_msgs/Header",
-        "builtin_interfaces/Time",
-        "geometry_msgs/Wrench",
-        "geometry_msgs/Vector3",
-    ];
 }
 
 /// How well the torque sensors tell the wrench, as standard uncertainties: `geometry_msgs/msg/WrenchStamped`.
@@ -212,7 +206,6 @@ impl RosMessage for Uncertainty<'_> {
     const TOPIC: &'static str = "/wrench_uncertainty";
     const TYPE: &'static str = WrenchStamped::TYPE;
     const FIELDS: &'static str = WrenchStamped::FIELDS;
-    const PARTS: &'static [&'static str] = WrenchStamped::PARTS;
 }
 
 /// What the control loop commands, and where the TCP is: `spherecal_msgs/msg/Control`.
@@ -254,7 +247,6 @@ impl RosMessage for Control<'_> {
     const TYPE: &'static str = "spherecal_msgs/msg/Control";
     const FIELDS: &'static str = "std_msgs/Header header\nfloat32[] command\ngeometry_msgs/Point32 tcp\n\
                                   geometry_msgs/Point32 setpoint\nfloat32 deviation_mm\nfloat32 force_n\n";
-    const PARTS: &'static [&'static str] = &["std_msgs/Header", "builtin_interfaces/Time", "geometry_msgs/Point32"];
 }
 
 /// The phase of the procedure, and the flags of the control loop: `spherecal_msgs/msg/Phase`.
@@ -296,13 +288,4 @@ impl RosMessage for PhaseState {
     const TYPE: &'static str = "spherecal_msgs/msg/Phase";
     const FIELDS: &'static str = "builtin_interfaces/Time stamp\nuint64 device_us\nstring phase\nuint8 number\n\
                                   bool saturated\nbool rate_limited\nbool near_singular\n";
-    const PARTS: &'static [&'static str] = &["builtin_interfaces/Time"];
-}
-
-/// The name of a phase or a fault, as the host protocol has it.
-pub(super) fn name_of(value: impl Serialize) -> String {
-    match serde_json::to_value(value) {
-        Ok(serde_json::Value::String(name)) => name,
-        _ => String::new(),
-    }
 }

@@ -12,8 +12,6 @@ pub(super) trait RosMessage: Serialize {
     const TYPE: &'static str;
     /// Its fields, as its `.msg` file has them.
     const FIELDS: &'static str;
-    /// The types that its fields are made of, directly or through others.
-    const PARTS: &'static [&'static str];
 }
 
 /// Types that messages are made of: name and fields.
@@ -40,15 +38,28 @@ const TYPES: [(&str, &str); 9] = [
         "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform\n",
     ),
 ];
-/// The parts of a header, itself included.
-pub(super) const HEADER: &[&str] = &["std_msgs/Header", "builtin_interfaces/Time"];
 
 /// The definition of a message type as a file carries it: its fields, then each type that it is made of.
 pub(super) fn definition<M: RosMessage>() -> String {
-    let parts = TYPES.iter().filter(|(name, _)| M::PARTS.contains(name));
     let rule = "=".repeat(80);
-    let texts = parts.map(|(name, fields)| format!("{rule}\nMSG: {name}\n{fields}"));
-    M::FIELDS.to_owned() + &texts.collect::<String>()
+    let (mut text, mut parts) = (M::FIELDS.to_owned(), 0);
+    // A part may be made of parts itself: they are behind it.
+    while let Some((name, fields)) = part(&text, parts) {
+        text += &format!("{rule}\nMSG: {name}\n{fields}");
+        parts += 1;
+    }
+    text
+}
+
+/// The type that stands in `text` as the `number`th of those which differ.
+fn part(text: &str, number: usize) -> Option<(&'static str, &'static str)> {
+    let mut found: Vec<(&str, &str)> = Vec::new();
+    for line in text.lines() {
+        let kind = line.split(['[', ' ']).next();
+        let known = TYPES.iter().find(|(name, _)| kind == Some(name));
+        found.extend(known.filter(|known| !found.contains(known)));
+    }
+    found.get(number).copied()
 }
 
 /// A time, UTC.

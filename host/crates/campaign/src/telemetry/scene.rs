@@ -88,14 +88,6 @@ impl RosMessage for FrameTransforms<'_> {
     const TOPIC: &'static str = "/tf";
     const TYPE: &'static str = "tf2_msgs/msg/TFMessage";
     const FIELDS: &'static str = "geometry_msgs/TransformStamped[] transforms\n";
-    const PARTS: &'static [&'static str] = &[
-        "geometry_msgs/TransformStamped",
-        "std_msgs/Header",
-        "builtin_interfaces/Time",
-        "geometry_msgs/Transform",
-        "geometry_msgs/Vector3",
-        "geometry_msgs/Quaternion",
-    ];
 }
 
 /// The description of the robot: `std_msgs/msg/String`.
@@ -109,5 +101,4 @@ impl RosMessage for RobotDescription<'_> {
     const TOPIC: &'static str = "/robot_description";
     const TYPE: &'static str = "std_msgs/msg/String";
     const FIELDS: &'static str = "string data\n";
-    const PARTS: &'static [&'static str] = &[];
 }

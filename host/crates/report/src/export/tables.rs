@@ -1,19 +1,10 @@
 //! The tables of a run, from the store.
 
-use serde::Serialize;
 use spherecal_shared::protocol::host::{Contact, Coupled, FaultReport, PhaseChange, Recording, SignalStatistics};
 
 use super::ExportTable;
-use spherecal_model::LaserShot;
+use spherecal_model::{LaserShot, name_of};
 use spherecal_store::{CalibrationStore, StoreError};
-
-/// Name that a unit variant has in files.
-pub(super) fn name_of(value: impl Serialize) -> String {
-    match serde_json::to_value(value) {
-        Ok(serde_json::Value::String(name)) => name,
-        _ => String::from("?"),
-    }
-}
 
 /// All tables of a run; those without rows too.
 pub(super) fn of_run(store: &mut dyn CalibrationStore, run: i64) -> Result<Vec<ExportTable>, StoreError> {

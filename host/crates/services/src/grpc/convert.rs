@@ -1,7 +1,6 @@
 //! Converts between the project's types and the messages, bit by bit. Numbers are neither rounded
 //! nor scaled, so a round trip gives an equal value.
 
-use serde::Serialize;
 use serde::de::DeserializeOwned;
 use spherecal_shared::protocol::host::{
     Contact, Coupled, Event, FaultReport, PhaseChange, Recording, Sample, SessionId, SignalStatistics,
@@ -9,19 +8,11 @@ use spherecal_shared::protocol::host::{
 
 use super::proto;
 use spherecal_link::Arrival;
-use spherecal_model::{LaserShot, Sphere};
+use spherecal_model::{LaserShot, Sphere, name_of};
 use spherecal_store::{NewRun, RunInfo, SessionEnd, StoredPose};
 
 /// A text in a message that matches no type, or a list of the wrong length; in words.
 pub(super) type Malformed = String;
-
-/// A variant's name as files have it (`joint_position`).
-pub(super) fn name_of(value: impl Serialize) -> String {
-    match serde_json::to_value(value) {
-        Ok(serde_json::Value::String(name)) => name,
-        _ => String::from("?"),
-    }
-}
 
 fn named<T: DeserializeOwned>(field: &str, name: String) -> Result<T, Malformed> {
     serde_json::from_value(serde_json::Value::String(name.clone())).map_err(|_| format!("{field} is \"{name}\""))
