@@ -93,9 +93,24 @@ impl Line {
         if let Some(turn) = self.turn_deg {
             spring.turn_rad = turn.map(f64::to_radians);
         }
-        spring.check().map_err(|error| error.to_string())?;
+        checked(&spring)?;
         Ok(spring)
     }
+}
+
+/// Checks a spring. `Err`: the field as a line has it, its value in the line's unit, and its range.
+fn checked(spring: &ImpedanceCommand) -> Result<(), String> {
+    let Err(error) = spring.check() else {
+        return Ok(());
+    };
+    let (field, unit) = match error.field {
+        "stiffness_n_m" => ("stiffness", 1.0),
+        "rotation_nm_rad" => ("rotation", 1.0),
+        "offset_m" => ("move_mm, added up,", 1e3),
+        _ => ("turn_deg", 1f64.to_degrees()),
+    };
+    let [value, min, max] = [error.value, error.min, error.max].map(|x| (1e3 * unit * x).round() / 1e3);
+    Err(format!("{field} is {value}: give a value from {min} to {max}"))
 }
 
 /// Remarks of the campaign, on stderr.
@@ -217,7 +232,7 @@ pub(super) fn run(args: &ImpedanceArgs) -> Result<Exit, CliError> {
         offset_m: [0.0; 3],
         turn_rad: [0.0; 3],
     };
-    spring.check().map_err(CliError::input)?;
+    checked(&spring).map_err(|why| CliError::input(format!("--{why}")))?;
     if args.run.resume {
         return Err(CliError::input(
             "--resume: `spherecal impedance` measures nothing: leave the option out",
@@ -275,15 +290,12 @@ mod tests {
         for (text, told) in [
             (
                 r#"{"stiffness": 6000}"#,
-                "stiffness_n_m is 6000: give a value from 0 to 5000",
+                "stiffness is 6000: give a value from 0 to 5000",
             ),
-            (
-                r#"{"rotation": -1}"#,
-                "rotation_nm_rad is -1: give a value from 0 to 300",
-            ),
+            (r#"{"rotation": -1}"#, "rotation is -1: give a value from 0 to 300"),
             (
                 r#"{"move_mm": [0, 300, 0]}"#,
-                "offset_m is 0.31: give a value from -0.3 to 0.3",
+                "move_mm, added up, is 310: give a value from -300 to 300",
             ),
             (
                 r#"{"wait_s": 1e9}"#,

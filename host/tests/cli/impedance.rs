@@ -48,7 +48,7 @@ fn slow_lines_hold_an_arm() {
         .collect();
     let refused: Vec<&str> = lines.iter().filter_map(|line| line["refused"].as_str()).collect();
     assert_eq!(refused.len(), 2, "{out}");
-    assert_eq!(refused[0], "stiffness_n_m is 9000: give a value from 0 to 5000");
+    assert_eq!(refused[0], "stiffness is 9000: give a value from 0 to 5000");
     assert!(refused[1].contains("line 1"), "{refused:?}");
     let told: Vec<&Value> = lines.iter().filter(|line| line["time_s"].is_f64()).collect();
     assert!(
