@@ -50,16 +50,25 @@ pub struct Procedure {
 
 impl Procedure {
     /// The same with the times that the paper prints, 5 s of hold and 1 s of recording, and with slow turns and a soft
-    /// elbow, which the paper does not state.
+    /// elbow, which the paper does not state. What differs from the default stays: somebody wants it.
     ///
     /// The paper's grid comes to 1 degree of singular postures, where the elbow can hardly move. There an arm of `harsh`
     /// lost the nest with the default turns and elbow (seed 1, pose 724) and could not leave the sphere.
     #[must_use]
     pub fn paper(mut self) -> Self {
-        self.couple.hold_s = 5.0;
-        self.record.samples = 1000;
-        (self.turn.speed_rad_s, self.turn.acceleration_rad_s2) = (0.5, 1.5);
-        self.law.elbow_nm_rad = 50.0;
+        let usual = Self::default();
+        let papers = |value: &mut f64, usual: f64, papers: f64| {
+            if *value == usual {
+                *value = papers;
+            }
+        };
+        papers(&mut self.couple.hold_s, usual.couple.hold_s, 5.0);
+        papers(&mut self.turn.speed_rad_s, usual.turn.speed_rad_s, 0.5);
+        papers(&mut self.turn.acceleration_rad_s2, usual.turn.acceleration_rad_s2, 1.5);
+        papers(&mut self.law.elbow_nm_rad, usual.law.elbow_nm_rad, 50.0);
+        if self.record.samples == usual.record.samples {
+            self.record.samples = 1000;
+        }
         self
     }
 }
