@@ -42,7 +42,7 @@ pub(crate) enum Touch {
     Free,
     /// The sphere.
     Seated,
-    /// The sphere, until the magnet lets go: the time in ms for which more than is [granted](Decouple::granted_n) may be needed.
+    /// The sphere, until the magnet lets go: the time in ms for which more than is [granted](Decouple::GRANTED_N) may be needed.
     Leaving(u16),
     /// What the phase itself judges, a hand, or an unknown thing.
     #[default]
@@ -128,7 +128,7 @@ impl<const N: usize> Pressing<N> {
             Touch::Seated => (force.norm(), [seated; 2]),
             Touch::Leaving(ms) => {
                 let unexplained = (self.decouple.unexplained_n(), HELD_S);
-                let granted = (self.decouple.granted_n(), f64::from(ms) * 1e-3);
+                let granted = (Decouple::GRANTED_N, f64::from(ms) * 1e-3);
                 (force.norm(), [unexplained, granted])
             }
         };

@@ -84,7 +84,7 @@ fn slow_telemetry_and_tables_are_read_by_others() {
     let bytes = std::fs::metadata(folder.join("o/telemetry-run-1.mcap"))
         .expect("a file")
         .len();
-    // A main run has 10 MB at most and lasts ten minutes or more.
+    // So a main run of 450 s has 7.5 MB at most.
     let most = 10e6 / 600.0 * seconds;
     assert!((bytes as f64) < most, "{bytes} bytes of {seconds} s, {most} at most");
     // UTC: the first message was written during the run, and the arm's time passes from there.

@@ -192,6 +192,10 @@ mod tests {
             (20.0, 5.0, 1000)
         );
         assert_eq!(p.law.damping_ratio, 0.7);
+        let mut own = Procedure::default();
+        (own.couple.hold_s, own.record.samples) = (2.0, 300);
+        assert_eq!((own.paper().couple.hold_s, own.paper().record.samples), (2.0, 300));
+        assert_eq!(own.paper().turn, p.turn);
         // Nothing else is the paper's: the rest is as by default.
         let (mut rest, default) = (p, Procedure::default());
         (rest.couple, rest.record, rest.turn, rest.law) = (default.couple, default.record, default.turn, default.law);

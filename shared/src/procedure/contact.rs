@@ -245,22 +245,18 @@ pub struct Decouple {
 const USUAL_MAGNET_N: f64 = 26.5;
 /// What the estimate of a force may err, beyond what the magnet holds, in N.
 const ERROR_N: f64 = 7.5;
-/// Largest force that the arm pulls with for good where a magnet may hold it, in N.
-const GRANTED_N: f64 = 20.0;
 /// Time in s, and force in N, that a pull takes from there to what the paper's magnet holds: dry friction of 1 to 2 N m
 /// halves its rate, and the tare may be wrong.
 const PULL_S: f64 = 0.1;
 const PULL_N: f64 = 15.0;
 
 impl Decouple {
+    /// Largest force that the arm pulls with for good where a magnet may hold it, in N.
+    pub const GRANTED_N: f64 = 20.0;
+
     /// Force at the TCP that no magnet explains, in N.
     pub fn unexplained_n(&self) -> f64 {
         self.magnet_n + ERROR_N
-    }
-
-    /// Force that is granted for good as the nest leaves its sphere, in N.
-    pub fn granted_n(&self) -> f64 {
-        GRANTED_N
     }
 
     /// Stiffness that leaves this magnet, in N/m: it lets go after as much of the setpoint as the paper's.
@@ -269,7 +265,7 @@ impl Decouple {
         (self.stiffness_n_m * share).min(MAX_STIFFNESS_N_M.max(self.stiffness_n_m))
     }
 
-    /// Time for which the magnet explains more than is [granted](Self::granted_n), in s. The pull rises as fast as the
+    /// Time for which the magnet explains more than is [granted](Self::GRANTED_N), in s. The pull rises as fast as the
     /// setpoint stretches the spring; friction may halve the rate of what a stronger magnet needs besides.
     pub fn pull_s(&self) -> f64 {
         let more_n = (self.magnet_n - USUAL_MAGNET_N).max(0.0);

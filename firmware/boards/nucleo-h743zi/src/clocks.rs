@@ -22,7 +22,7 @@ pub fn chip_is_fast_enough() -> bool {
     pac::DBGMCU.idc().read().rev_id() >= REVISION_V
 }
 
-/// Whether the ST-LINK gives its 8 MHz. It gives none where it has no power or other firmware.
+/// Whether the ST-LINK's clock of 8 MHz runs. It does not run if the ST-LINK has no power or other firmware.
 pub fn has_external_clock() -> bool {
     pac::RCC.cr().modify(|w| w.set_hsebyp(true));
     pac::RCC.cr().modify(|w| w.set_hseon(true));

@@ -67,7 +67,7 @@ fn variances_of(w: &Whitening) -> Variances {
 struct PartAxes {
     /// Number of the variance across the line of sight.
     across: usize,
-    /// Number of the variance along it, and the line; none where the noise is alike in all directions.
+    /// Number of the variance along the line of sight, and that line. `None` if the noise is alike in all directions.
     along: Option<(usize, Vector3<f64>)>,
 }
 
