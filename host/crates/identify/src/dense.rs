@@ -3,7 +3,7 @@
 //! nalgebra factorises column by column; in blocks nearly all work is a product
 //! of matrices, which is several times as fast.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DMatrixView, DVector};
 
 /// Columns of a block.
 const BLOCK: usize = 48;
@@ -12,6 +12,26 @@ const BLOCK: usize = 48;
 /// product in blocks take a fraction of its time.
 pub(crate) fn transposed_product(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     a.transpose() * b
+}
+
+/// `Rᵀ R` of a lower triangular `R`.
+pub(crate) fn gram_of_lower(r: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = r.nrows();
+    let mut out = DMatrix::zeros(n, n);
+    for from in (0..n).step_by(BLOCK) {
+        let end = n.min(from + BLOCK);
+        let rows = r.view((from, 0), (end - from, end));
+        let turned = rows.transpose();
+        out.view_mut((0, 0), (end, end)).gemm(1.0, &turned, &rows, 1.0);
+    }
+    out
+}
+
+/// Inverse of a lower triangular block: a product with it is several times as fast as a substitution.
+fn inverse_of(root: &DMatrixView<'_, f64>) -> DMatrix<f64> {
+    let mut inverse = DMatrix::identity(root.nrows(), root.nrows());
+    root.solve_lower_triangular_unchecked_mut(&mut inverse);
+    inverse
 }
 
 /// `A = L Lᵀ` with `L` lower triangular; the upper triangle of the storage is zero.
@@ -33,8 +53,7 @@ impl Factor {
             let below = n - from - width;
             if below > 0 {
                 // Rows below: B := B root⁻ᵀ, as (root⁻¹ Bᵀ)ᵀ.
-                let mut turned = a.view((from + width, from), (below, width)).transpose();
-                root.solve_lower_triangular_unchecked_mut(&mut turned);
+                let turned = inverse_of(&root.as_view()) * a.view((from + width, from), (below, width)).transpose();
                 let panel = turned.transpose();
                 a.view_mut((from + width, from), (below, width)).copy_from(&panel);
                 for to in (from + width..n).step_by(BLOCK) {
@@ -55,8 +74,7 @@ impl Factor {
         for from in (0..n).step_by(BLOCK) {
             let width = BLOCK.min(n - from);
             let root = self.l.view((from, from), (width, width));
-            let mut own = b.rows(from, width).into_owned();
-            root.solve_lower_triangular_unchecked_mut(&mut own);
+            let own = inverse_of(&root) * b.rows(from, width);
             b.rows_mut(from, width).copy_from(&own);
             let below = n - from - width;
             if below > 0 {
@@ -71,6 +89,37 @@ impl Factor {
         let mut out = b.clone();
         self.half_mut(&mut out);
         out
+    }
+
+    /// `L⁻¹`, lower triangular.
+    pub(crate) fn inverse_root(&self) -> DMatrix<f64> {
+        let n = self.l.nrows();
+        let mut out = DMatrix::identity(n, n);
+        for from in (0..n).step_by(BLOCK) {
+            // Columns beyond the block are still zero.
+            let (width, end) = (BLOCK.min(n - from), n.min(from + BLOCK));
+            let root = self.l.view((from, from), (width, width));
+            let own = inverse_of(&root) * out.view((from, 0), (width, end));
+            out.view_mut((from, 0), (width, end)).copy_from(&own);
+            if end < n {
+                let panel = self.l.view((end, from), (n - end, width));
+                out.view_mut((end, 0), (n - end, end)).gemm(-1.0, &panel, &own, 1.0);
+            }
+        }
+        out
+    }
+
+    /// Factor of a matrix with more rows and columns: `cross` (before x new) and `corner` (new x new) are added.
+    /// `None` if it is not positive definite.
+    pub(crate) fn extended(&self, cross: &DMatrix<f64>, corner: DMatrix<f64>) -> Option<Self> {
+        let (before, new) = cross.shape();
+        let half = self.half(cross);
+        let below = half.transpose();
+        let own = Self::new(corner - &below * half)?;
+        let mut l = self.l.clone().resize(before + new, before + new, 0.0);
+        l.view_mut((before, 0), (new, before)).copy_from(&below);
+        l.view_mut((before, before), (new, new)).copy_from(&own.l);
+        Some(Self { l })
     }
 
     /// `L⁻¹ b` of one column.
@@ -107,8 +156,8 @@ impl Factor {
 mod tests {
     use super::*;
 
-    // Fails if a block is left out of the factor or of the substitution: sizes
-    // below, at and above the block's width.
+    // Fails if a block is left out of the factor, of the substitution, of the inverse or of an extended factor: sizes below, at
+    // and above the block's width.
     #[test]
     fn factor_and_substitution_agree_with_the_plain_ones() {
         for n in [1, 47, 48, 49, 96, 131] {
@@ -123,6 +172,15 @@ mod tests {
             assert!((&a * &solved - &column).amax() < 1e-9, "{n}");
             assert!((factor.half(&b).tr_mul(&factor.half(&b)) - b.tr_mul(&plain.solve(&b))).amax() < 1e-9);
             assert!((factor.log_determinant() - plain.ln_determinant()).abs() < 1e-8);
+            let inverse = gram_of_lower(&factor.inverse_root());
+            assert!((&a * inverse - DMatrix::identity(n, n)).amax() < 1e-9, "{n}");
+            for first in [n / 3, n - 1].into_iter().filter(|first| *first > 0) {
+                let new = n - first;
+                let part = Factor::new(a.view((0, 0), (first, first)).into_owned()).expect("positive definite");
+                let cross = a.view((0, first), (first, new)).into_owned();
+                let whole = part.extended(&cross, a.view((first, first), (new, new)).into_owned());
+                assert!((&whole.expect("positive definite").l - &factor.l).amax() < 1e-10, "{n}");
+            }
         }
         assert!(Factor::new(-DMatrix::<f64>::identity(60, 60)).is_none());
     }

@@ -3,7 +3,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::dense::{Factor, transposed_product};
+use super::dense::{Factor, gram_of_lower};
 use super::error::IdentifyError;
 use super::normal::Normal;
 use super::parameters::Parameter;
@@ -88,17 +88,31 @@ impl Posterior {
         (unknowns.len() as f64 - held).max(0.0)
     }
 
+    /// Lower triangular `R` of the covariance `Rᵀ R` of the unknowns, SI units.
+    fn root(&self) -> DMatrix<f64> {
+        let mut root = self.factor.inverse_root();
+        for (mut column, scale) in root.column_iter_mut().zip(self.scale.iter()) {
+            column *= *scale;
+        }
+        root
+    }
+
     /// Covariance of the unknowns, SI units.
     pub(crate) fn covariance(&self) -> DMatrix<f64> {
-        let m = self.scale.len();
-        let root = self.factor.half(&DMatrix::identity(m, m));
-        let mut covariance = transposed_product(&root, &root);
-        for c in 0..m {
-            for r in 0..m {
-                covariance[(r, c)] *= self.scale[r] * self.scale[c];
-            }
+        gram_of_lower(&self.root())
+    }
+
+    /// Variances of the unknowns, SI units.
+    pub(crate) fn variances(&self) -> Vec<f64> {
+        self.root().column_iter().map(|column| column.norm_squared()).collect()
+    }
+
+    /// Turns `b`, a row of a Jacobian in each column, into `H` whose products `Hᵀ H` are the covariances of these rows.
+    pub(crate) fn half_mut(&self, b: &mut DMatrix<f64>) {
+        for (mut row, scale) in b.row_iter_mut().zip(self.scale.iter()) {
+            row *= *scale;
         }
-        covariance
+        self.factor.half_mut(b);
     }
 
     /// Log evidence (Laplace) at the unknowns, given the log likelihood of the data there, up to a constant.

@@ -10,13 +10,12 @@ use nalgebra::{DVector, Vector3};
 
 use super::extended::Extended;
 use super::linear::Linear;
+use crate::error::IdentifyError;
 use crate::hierarchy::constants::{CROSS_RAD, CROSS_RANGES, FACTORS};
 use crate::hierarchy::cross::columns;
 
-/// Rounds of the search for the size and the rest of the noise.
-const ROUNDS: usize = 3;
-/// Steps by the golden ratio: to 1 % of an interval.
-const STEPS: usize = 9;
+/// Steps by the golden ratio for the noise, to 1 % of its interval, and for the size at each noise.
+const STEPS: (usize, usize) = (9, 14);
 
 /// A fit with the errors.
 pub(super) struct Cross {
@@ -32,7 +31,10 @@ pub(super) struct Cross {
 
 impl Cross {
     /// The size and the rest of the white noise that explain the rows best, which count as so many `numbers`.
-    pub(super) fn new(linear: Linear, numbers: f64) -> Self {
+    ///
+    /// # Errors
+    /// Equations that have no solution.
+    pub(super) fn new(linear: Linear, numbers: f64) -> Result<Self, IdentifyError> {
         let displacements: Vec<Vec<Vector3<f64>>> = linear
             .rows
             .iter()
@@ -45,34 +47,35 @@ impl Cross {
             (whitened, CROSS_RAD)
         };
         let columns: Vec<(DVector<f64>, f64)> = (0..count).map(column).collect();
-        let model = Extended::new(&linear).with(&linear, &columns);
-        let mut at = [0.0, 0.0];
-        for k in (0..2 * ROUNDS).map(|turn| turn % 2).filter(|_| count > 0) {
-            let evidence = |x: f64| {
-                let mut at = at;
-                at[k] = x;
-                let unusual = at[0] / FACTORS.made.ln();
-                model.evidence_with(&linear, numbers, at.map(f64::exp)) - 0.5 * unusual.powi(2)
+        let model = Extended::new(&linear)?.with(&linear, &columns)?;
+        let (mut size, mut white) = (1.0, 1.0);
+        if count > 0 {
+            let at_noise = |noise: f64| {
+                let Ok(by_size) = model.by_size(&linear, numbers, noise.exp()) else {
+                    return (0.0, f64::NEG_INFINITY);
+                };
+                let evidence = |size: f64| by_size.at(size.exp()) - 0.5 * (size / FACTORS.made.ln()).powi(2);
+                highest(CROSS_RANGES[0], STEPS.1, evidence)
             };
-            at[k] = highest(CROSS_RANGES[k], evidence);
+            let noise = highest(CROSS_RANGES[1], STEPS.0, |noise| at_noise(noise).1).0;
+            (size, white) = (at_noise(noise).0.exp(), noise.exp());
         }
-        let [size, white] = at.map(f64::exp);
-        Self {
-            model: model.rescaled(&linear, [size, white]),
+        Ok(Self {
+            model: model.rescaled(&linear, size, white)?,
             linear: linear.with_noise(white),
             size_rad: CROSS_RAD * size,
             white,
-        }
+        })
     }
 }
 
-/// Where a function with one maximum is highest, by the golden ratio.
-fn highest((mut low, mut high): (f64, f64), of: impl Fn(f64) -> f64) -> f64 {
+/// Where a function with one maximum is highest, by steps of the golden ratio, and its value near there.
+fn highest((mut low, mut high): (f64, f64), steps: usize, of: impl Fn(f64) -> f64) -> (f64, f64) {
     const GOLDEN: f64 = 0.618_033_988_749_895;
     let mut left = high - GOLDEN * (high - low);
     let mut right = low + GOLDEN * (high - low);
     let (mut at_left, mut at_right) = (of(left), of(right));
-    for _ in 0..STEPS {
+    for _ in 0..steps {
         if at_left > at_right {
             (high, right, at_right) = (right, left, at_left);
             left = high - GOLDEN * (high - low);
@@ -83,7 +86,7 @@ fn highest((mut low, mut high): (f64, f64), of: impl Fn(f64) -> f64) -> f64 {
             at_right = of(right);
         }
     }
-    0.5 * (low + high)
+    (0.5 * (low + high), at_left.max(at_right))
 }
 
 #[cfg(test)]
@@ -94,8 +97,9 @@ mod tests {
     #[test]
     fn the_highest_point_is_found() {
         for top in [-2.9, -0.2, 1.7, 3.5] {
-            let found = highest((-3.0, 3.5), |x| -(x - top) * (x - top));
+            let (found, value) = highest((-3.0, 3.5), STEPS.0, |x| -(x - top) * (x - top));
             assert!((found - top).abs() < 0.06, "{found}, {top}");
+            assert!((-0.04..=0.0).contains(&value), "{value}");
         }
     }
 }

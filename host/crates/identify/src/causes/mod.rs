@@ -77,7 +77,7 @@ pub(crate) fn explain(
         model,
         size_rad,
         white,
-    } = Cross::new(linear, numbers);
+    } = Cross::new(linear, numbers)?;
     fit.whitening = fit.whitening.times(white);
     let layout = fit.layout.clone();
     let kinds: Vec<Kind> = fit.unknowns.columns.iter().map(|c| fit.table[*c].kind).collect();
@@ -96,7 +96,7 @@ pub(crate) fn explain(
     let mut findings = found.findings;
     let (of_model, before_causes) = (fit.unknowns.len(), model.w.ncols());
     // The estimate stays that of the model which is handed over: it follows these errors as far as it can.
-    let mut at = model.mean()?.rows(0, of_model).into_owned();
+    let mut at = model.mean().rows(0, of_model).into_owned();
     let beyond = &at - &linear.estimate;
     if !findings.is_empty() {
         let postures = workspace(&experiment.robot, &experiment.tool);
@@ -111,7 +111,7 @@ pub(crate) fn explain(
             before = after;
         }
     }
-    let (mut mean, mut covariance) = found.model.posterior(before_causes)?;
+    let (mut mean, mut covariance) = found.model.posterior(before_causes);
     let unit = |k: usize| linear.scale.get(k).copied().unwrap_or(1.0);
     for r in 0..before_causes {
         for c in 0..before_causes {
@@ -122,8 +122,8 @@ pub(crate) fn explain(
         .copy_from(&beyond.component_mul(&linear.sigmas()));
     fit.replace_posterior(mean, covariance);
     (fit.cross.size_rad, fit.cross.white) = (size_rad, white);
-    fit.by_causes = unwhitened(&linear, &found.model.displaced(before_causes)?);
-    fit.left = unwhitened(&linear, &(found.model.displaced(0)? - &linear.y));
+    fit.by_causes = unwhitened(&linear, &found.model.displaced(before_causes));
+    fit.left = unwhitened(&linear, &(found.model.displaced(0) - &linear.y));
     Ok(Causes {
         findings,
         families: found.families,

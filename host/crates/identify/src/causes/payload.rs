@@ -102,8 +102,8 @@ impl LoadEffects<'_> {
         at: &Extended,
         columns: &[(DVector<f64>, f64)],
     ) -> Result<LoadInModel, IdentifyError> {
-        let load = at.named_effect(columns)?.0.sum();
-        let mean = at.mean()?;
+        let load = at.named_effect(columns).0.sum();
+        let mean = at.mean();
         let mut there = linear.clone();
         let mut column = DVector::zeros(linear.y.len());
         // Load times compliance, c m, is c' m + m' c - c' m' near c' and m'.
@@ -119,7 +119,7 @@ impl LoadEffects<'_> {
             column.axpy(compliance, of_joint, 1.0);
         }
         let columns: Vec<(DVector<f64>, f64)> = columns.iter().map(|c| (column.clone(), c.1)).collect();
-        let model = model.about(&there).with(&there, &columns);
+        let model = model.about(&there)?.with(&there, &columns)?;
         Ok(LoadInModel {
             linear: there,
             model,

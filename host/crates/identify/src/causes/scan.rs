@@ -55,7 +55,7 @@ pub(crate) fn scan(
             score: DVector::zeros(0),
         })
         .collect();
-    prepare(linear, &model, &mut trials)?;
+    prepare(linear, &model, &mut trials);
     let mut selection = Selection::new(&trials);
     let mut families = selection.families();
     let mut findings: Vec<Finding> = Vec::new();
@@ -66,18 +66,18 @@ pub(crate) fn scan(
         if shortlist.is_empty() {
             break;
         }
-        let without = model.log_evidence(linear)?;
+        let without = model.log_evidence(linear);
         for index in shortlist {
             let alternative = &selection.trials[index].alternative;
             let candidate = Candidate::new(index, alternative, linear, &model, selection.wide(index), loaded)?;
             let freedom = selection.trials[index].score.len();
-            let (evidence, volume) = candidate.evidence(linear)?;
+            let (evidence, volume) = candidate.evidence(linear);
             // The width of its prior is no argument against it.
             let over = |null: f64| log_tail(2.0 * (evidence - null) + volume, freedom);
             let weighed = over(without) - odds(alternative);
             let log_p = over(without);
             if log_p < selection.limit(alternative)
-                && candidate.is_told()?
+                && candidate.is_told()
                 && best.as_ref().is_none_or(|b| weighed < b.0)
             {
                 best = Some((weighed, log_p, candidate));
@@ -86,7 +86,7 @@ pub(crate) fn scan(
         let Some((_, log_p, candidate)) = best else { break };
         let index = candidate.index;
         let (with, columns) = candidate.named();
-        let finding = selection.finding(index, log_p, with, columns, linear, course)?;
+        let finding = selection.finding(index, log_p, with, columns, linear, course);
         let family = finding.alternative.family();
         for test in families.iter_mut().filter(|t| t.family == family) {
             test.found = true;
@@ -95,7 +95,7 @@ pub(crate) fn scan(
         findings.push(finding);
         selection.chosen.push(index);
         model = candidate.with;
-        means.push(model.mean()?.rows(0, model.m).into_owned());
+        means.push(model.mean().rows(0, model.m).into_owned());
     }
     Ok(Scanned {
         findings,
@@ -144,7 +144,7 @@ impl Candidate {
                 *sigma = loaded.prior();
             }
         }
-        let with = model.with(linear, &columns);
+        let with = model.with(linear, &columns)?;
         let load = match loaded {
             Some(loaded) => Some(loaded.in_model(linear, model, &with, &columns)?),
             None => None,
@@ -158,20 +158,20 @@ impl Candidate {
     }
 
     /// Logarithm of the evidence of the model with it, and of what the width of its prior takes off twice that.
-    fn evidence(&self, linear: &Linear) -> Result<(f64, f64), IdentifyError> {
+    fn evidence(&self, linear: &Linear) -> (f64, f64) {
         let (model, linear) = match &self.load {
             Some(load) => (&load.model, &load.linear),
             None => (&self.with, linear),
         };
-        Ok((model.log_evidence(linear)?, model.named_volume(self.columns.len())?))
+        (model.log_evidence(linear), model.named_volume(self.columns.len()))
     }
 
     /// Whether its size is told apart from nothing. The evidence for a load that the compliance could pass for is also that
     /// for the other compliance; its size is then uncertain.
-    fn is_told(&self) -> Result<bool, IdentifyError> {
-        let Some(load) = &self.load else { return Ok(true) };
-        let (effect, covariance) = load.model.named_effect(&load.columns)?;
-        Ok(effect[0].powi(2) > LEAST_LOAD.powi(2) * covariance[(0, 0)])
+    fn is_told(&self) -> bool {
+        let Some(load) = &self.load else { return true };
+        let (effect, covariance) = load.model.named_effect(&load.columns);
+        effect[0].powi(2) > LEAST_LOAD.powi(2) * covariance[(0, 0)]
     }
 
     /// The model from which its effect is told, with its columns there.

@@ -13,7 +13,6 @@ use super::tail::{log_tail, sigmas};
 use super::words::{next, short, words};
 use crate::course::Course;
 use crate::dense::transposed_product;
-use crate::error::IdentifyError;
 
 /// Chance of a false finding over all alternatives of a sound experiment, the load apart.
 pub(crate) const FALSE_FINDINGS: f64 = 1e-3;
@@ -51,9 +50,9 @@ pub(super) struct TriedAlternative {
 }
 
 /// Scores and half products of all trials over a model.
-pub(super) fn prepare(linear: &Linear, model: &Extended, trials: &mut [TriedAlternative]) -> Result<(), IdentifyError> {
-    let factor = model.factor()?;
-    let residual = &linear.y - &model.w * model.mean()?;
+pub(super) fn prepare(linear: &Linear, model: &Extended, trials: &mut [TriedAlternative]) {
+    let factor = model.factor();
+    let residual = &linear.y - &model.w * model.mean();
     let total: usize = trials.iter().map(|t| t.columns.ncols()).sum();
     let mut wide = DMatrix::zeros(3 * linear.rows.len(), total);
     let mut at = 0;
@@ -71,7 +70,6 @@ pub(super) fn prepare(linear: &Linear, model: &Extended, trials: &mut [TriedAlte
         trial.score = score.rows(at, k).column(0).into_owned();
         at += k;
     }
-    Ok(())
 }
 
 /// The statistics of trials, given those that were chosen before.
@@ -254,9 +252,9 @@ impl<'a> Selection<'a> {
         columns: Vec<(DVector<f64>, f64)>,
         linear: &Linear,
         course: &Course,
-    ) -> Result<Finding, IdentifyError> {
+    ) -> Finding {
         let trial = &self.trials[index];
-        let (effect, covariance) = with.named_effect(&columns)?;
+        let (effect, covariance) = with.named_effect(&columns);
         let shift = effect.rows(0, effect.len().min(3)).into_owned();
         let (size, sigma) = length(&effect, &covariance);
         let moved = displaced(displacement(linear, &trial.columns), &effect, &covariance);
@@ -274,7 +272,7 @@ impl<'a> Selection<'a> {
         rows.dedup();
         let mut or: Vec<String> = self.alike(index).into_iter().map(|a| short(&a, course)).collect();
         or.dedup();
-        Ok(Finding {
+        Finding {
             alternative: trial.alternative,
             words: words(&trial.alternative, &shift, sigma, moved, course),
             size: signed,
@@ -287,7 +285,7 @@ impl<'a> Selection<'a> {
             next: next(&trial.alternative),
             columns,
             effect,
-        })
+        }
     }
 
     /// Other alternatives that move the data nearly as this one does, one of each

@@ -79,7 +79,7 @@ pub(crate) const SCALE_SIGMAS: f64 = 5.0;
 
 /// Rounds before the sizes are updated: Gauss-Newton must reach the data first.
 pub(crate) const FIRST_ROUNDS: usize = 3;
-/// Most rounds. Trials needed 10 to 40.
+/// Most rounds. Trials needed 8 to 20.
 pub(crate) const ROUNDS: usize = 60;
 /// Change of every logarithm of a size at which the search ends.
 pub(crate) const SETTLED: f64 = 0.01;

@@ -18,6 +18,7 @@ pub(crate) mod open;
 mod scale;
 pub(crate) mod sizes;
 mod start;
+mod tails;
 
 use std::collections::BTreeMap;
 
@@ -186,11 +187,8 @@ pub(crate) fn fit(
         Scale::Doubted => found.or_with_a_wrong_scale(),
     };
     let log_evidence = found.log_evidence();
-    let Found {
-        search,
-        posterior: _,
-        mut covariance,
-    } = found;
+    let Found { search, posterior } = found;
+    let mut covariance = posterior.covariance();
     let Search {
         sizes,
         noise,
@@ -255,7 +253,6 @@ struct Search<'a> {
 struct Found<'a> {
     search: Search<'a>,
     posterior: Posterior,
-    covariance: DMatrix<f64>,
 }
 
 impl Found<'_> {
@@ -321,17 +318,16 @@ impl<'a> Search<'a> {
             let posterior = Posterior::new(&normal, &self.unknowns, 1.0)?;
             let (step, _) = posterior.step(&normal, &self.unknowns, 1.0);
             self.advance(&step);
-            let covariance = posterior.covariance();
             rounds += 1;
             let mut moved = f64::INFINITY;
             if rounds > FIRST_ROUNDS {
-                moved = self.sizes.update(&self.unknowns, &covariance);
+                moved = self.sizes.update(&self.unknowns, &posterior.variances());
                 let seen = SeenRows {
                     state: &self.state,
                     layout: self.layout,
                     unknowns: &self.unknowns,
                     prepared: self.prepared,
-                    covariance: &covariance,
+                    posterior: &posterior,
                     shares: &self.alike.share,
                 };
                 moved = moved.max(self.noise.update(&seen));
@@ -341,7 +337,6 @@ impl<'a> Search<'a> {
                 return Ok(Found {
                     search: self,
                     posterior,
-                    covariance,
                 });
             }
         }

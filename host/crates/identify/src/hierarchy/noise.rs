@@ -14,14 +14,15 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use rayon::prelude::*;
 use spherecal_model::input::MOST_TARGETS;
 
-use super::constants::{INSTRUMENT_FACTOR, JOINT_NOISE, LEAST_NOISE, LEVERAGE_ROWS, TAILS, TAILS_RANGE};
+use super::constants::{INSTRUMENT_FACTOR, JOINT_NOISE, LEAST_NOISE, LEVERAGE_ROWS, SETTLED};
 use super::sizes::penalised;
+use super::tails::tails;
 use crate::chain::{Prepared, State};
 use crate::normal::{Whitening, plain_columns};
 use crate::parameters::Layout;
 use crate::parts::Block;
 use crate::seen::RowPart;
-use crate::solve::Unknowns;
+use crate::solve::{Posterior, Unknowns};
 
 /// Numbers of the variances: joints, contacts, targets (across the line of sight), body, targets along it.
 const JOINT: usize = 0;
@@ -30,6 +31,9 @@ const BODY: usize = 2 + MOST_TARGETS;
 const ALONG: usize = 3 + MOST_TARGETS;
 const COUNT: usize = ALONG + MOST_TARGETS;
 type Variances = [f64; COUNT];
+
+/// Most steps of the variances in one update.
+const STEPS: usize = 20;
 
 fn slot(observation: &Prepared, part: RowPart) -> usize {
     match part {
@@ -170,14 +174,14 @@ fn own_covariances(seen: &Seen<'_>, rows: &[&Prepared]) -> Vec<DMatrix<f64>> {
         .collect();
     let m = columns.len().max(1);
     let counts: Vec<usize> = blocks.iter().map(|block| block.len() / m).collect();
-    let turned = DMatrix::from_vec(m, counts.iter().sum(), blocks.concat());
-    // One product for all rows: small ones are slow.
-    let product = seen.covariance * &turned;
+    // One substitution for all rows: small ones are slow.
+    let mut half = DMatrix::from_vec(m, counts.iter().sum(), blocks.concat());
+    seen.posterior.half_mut(&mut half);
     let mut at = 0;
     let of = |count: &usize| {
-        let (a, b) = (turned.columns(at, *count), product.columns(at, *count));
+        let own = half.columns(at, *count);
         at += count;
-        a.tr_mul(&b)
+        own.tr_mul(&own)
     };
     counts.iter().map(of).collect()
 }
@@ -188,7 +192,7 @@ pub(crate) struct Seen<'a> {
     pub(crate) layout: &'a Layout,
     pub(crate) unknowns: &'a Unknowns,
     pub(crate) prepared: &'a [Prepared],
-    pub(crate) covariance: &'a DMatrix<f64>,
+    pub(crate) posterior: &'a Posterior,
     /// What each row counts.
     pub(crate) shares: &'a [f64],
 }
@@ -219,12 +223,53 @@ impl RowsNoise {
         if !self.estimate {
             return 0.0;
         }
-        let variances = variances_of(&self.whitening);
         let n = seen.layout.n;
-        let stacked = |p: &Prepared| StackedRow::new(n, p, &seen.state.blocks(n, p), &variances);
-        let rows: Vec<Option<StackedRow>> = seen.prepared.par_iter().map(stacked).collect();
-        let (mut found, mut all, mut some, mut taken) = ([0.0; COUNT], [0.0; COUNT], [0.0; COUNT], [0.0; COUNT]);
-        let mut count = [0.0; COUNT];
+        let blocks: Vec<Vec<Block>> = seen.prepared.par_iter().map(|p| seen.state.blocks(n, p)).collect();
+        let stacked = |variances: &Variances| -> Vec<Option<StackedRow>> {
+            let rows = seen.prepared.par_iter().zip(&blocks);
+            rows.map(|(p, blocks)| StackedRow::new(n, p, blocks, variances))
+                .collect()
+        };
+        let before = variances_of(&self.whitening);
+        let mut rows = stacked(&before);
+        let leverage = Leverage::new(self, seen, &rows);
+        // Joints and instruments are hardly told apart where all postures are alike: one step then goes a small part of the way.
+        let mut variances = before;
+        for _ in 0..STEPS {
+            let next = self.step(&rows, &variances, &leverage.free);
+            let moved = largest_change(&next, &variances);
+            variances = next;
+            if moved < 0.1 * SETTLED {
+                break;
+            }
+            rows = stacked(&variances);
+        }
+        self.whitening = Whitening {
+            joint: variances[JOINT],
+            seating: variances[SEATING],
+            point: variances[2],
+            further: std::array::from_fn(|k| variances[3 + k]),
+            along: std::array::from_fn(|k| variances[ALONG + k]),
+            body: variances[BODY],
+        };
+        let mut moved = largest_change(&variances, &before);
+        if self.nu > 0.0 {
+            // The model takes a part of each row's residual: a row that it follows tells nothing of the tails.
+            let squares = rows
+                .iter()
+                .flatten()
+                .enumerate()
+                .map(|(k, row)| (row.d2, row.numbers() * (1.0 - leverage.of(k))));
+            let nu = tails(&squares.collect::<Vec<_>>());
+            moved = moved.max(0.2 * (nu / self.nu).ln().abs());
+            self.nu = nu;
+        }
+        moved
+    }
+
+    /// One step of all variances; `free` is the share of each variance's numbers that the model leaves to it.
+    fn step(&self, rows: &[Option<StackedRow>], variances: &Variances, free: &Variances) -> Variances {
+        let (mut found, mut all, mut count) = ([0.0; COUNT], [0.0; COUNT], [0.0; COUNT]);
         for row in rows.iter().flatten() {
             let weight = self.weight(row.d2, row.numbers());
             let traces = row.traces(&row.inverse);
@@ -237,45 +282,14 @@ impl RowsNoise {
                 part.share(&Matrix3::identity(), &mut count);
             }
         }
-        let every = seen.prepared.len().div_ceil(LEVERAGE_ROWS).max(1);
-        let chosen: Vec<(&Prepared, &StackedRow, f64)> = seen
-            .prepared
-            .iter()
-            .zip(&rows)
-            .zip(seen.shares)
-            .step_by(every)
-            .filter_map(|((p, row), share)| Some((p, row.as_ref()?, *share)))
-            .collect();
-        let rows_of: Vec<&Prepared> = chosen.iter().map(|(p, ..)| *p).collect();
-        let own = own_covariances(seen, &rows_of);
-        let shares: Vec<(Variances, Variances, f64)> = chosen
-            .iter()
-            .zip(own)
-            .map(|((_, row, share), own)| {
-                let weight = share * self.weight(row.d2, row.numbers());
-                let leverage = row.inverse.dot(&own) * weight / row.numbers();
-                let held = &row.inverse * own * &row.inverse * weight;
-                (row.traces(&row.inverse), row.traces(&held), leverage.min(1.0))
-            })
-            .collect();
-        for (whole, held, _) in &shares {
-            for k in 0..COUNT {
-                some[k] += whole[k];
-                taken[k] += held[k];
-            }
-        }
-        let mut moved: f64 = 0.0;
-        let mut next = variances;
+        let mut next = *variances;
         for k in 0..COUNT {
-            if !(all[k] > 0.0 && some[k] > 0.0) {
+            if !(all[k] > 0.0 && free[k] > 0.0) {
                 continue;
             }
-            // Degrees of freedom that the model leaves to this variance.
-            let free = (1.0 - taken[k] / some[k]).max(1e-3);
-            let expected = all[k] * free;
-            let ratio = (found[k] / expected).clamp(0.1, 10.0);
+            let ratio = (found[k] / (all[k] * free[k])).clamp(0.1, 10.0);
             // As a sum of squares of `count` numbers, which the hyperprior pulls.
-            let numbers = count[k] * free * (variances[k] * all[k] / count[k]).clamp(1e-6, 1.0);
+            let numbers = count[k] * free[k] * (variances[k] * all[k] / count[k]).clamp(1e-6, 1.0);
             let (middle, factor) = (
                 0.5 * self.ordinary[k].ln(),
                 if k == JOINT { JOINT_NOISE.1 } else { INSTRUMENT_FACTOR },
@@ -283,82 +297,71 @@ impl RowsNoise {
             let target = variances[k] * ratio;
             let l = penalised(numbers * target, numbers, middle, factor.ln(), 0.5 * target.ln());
             let least = if k == JOINT { LEAST_NOISE.0 } else { LEAST_NOISE.1 };
-            let value = (2.0 * l).exp().max(least * least);
-            moved = moved.max((0.5 * (value / variances[k]).ln()).abs());
-            next[k] = value;
+            next[k] = (2.0 * l).exp().max(least * least);
         }
-        self.whitening = Whitening {
-            joint: next[JOINT],
-            seating: next[SEATING],
-            point: next[2],
-            further: std::array::from_fn(|k| next[3 + k]),
-            along: std::array::from_fn(|k| next[ALONG + k]),
-            body: next[BODY],
-        };
-        if self.nu > 0.0 {
-            // The model takes a part of each row's residual: a row that it follows tells nothing of the tails.
-            let free = |k: usize| {
-                1.0 - shares
-                    .get(k / every)
-                    .or(shares.last())
-                    .map_or(0.0, |(.., leverage)| *leverage)
-            };
-            let squares = rows
-                .iter()
-                .flatten()
-                .enumerate()
-                .map(|(k, row)| (row.d2, row.numbers() * free(k)));
-            let nu = tails(&squares.collect::<Vec<_>>());
-            moved = moved.max(0.2 * (nu / self.nu).ln().abs());
-            self.nu = nu;
-        }
-        moved
+        next
     }
 }
 
-/// Degrees of freedom of Student's t that whitened residuals (squared length, numbers that the model leaves free) and
-/// hyperprior prefer.
-fn tails(rows: &[(f64, f64)]) -> f64 {
-    let density = |nu: f64| {
-        let row = |&(d2, p): &(f64, f64)| {
-            libm::lgamma(0.5 * (nu + p))
-                - libm::lgamma(0.5 * nu)
-                - 0.5 * p * nu.ln()
-                - 0.5 * (nu + p) * (d2 / nu).ln_1p()
-        };
-        rows.iter().map(row).sum::<f64>() - 0.5 * ((nu / TAILS.0).ln() / TAILS.1.ln()).powi(2)
-    };
-    // Golden section over the logarithm: the likelihood has one maximum.
-    let ratio = 0.5 * (5.0_f64.sqrt() - 1.0);
-    let (mut low, mut high) = (TAILS_RANGE.0.ln(), TAILS_RANGE.1.ln());
-    for _ in 0..30 {
-        let (a, b) = (high - ratio * (high - low), low + ratio * (high - low));
-        if density(a.exp()) > density(b.exp()) {
-            high = b;
-        } else {
-            low = a;
-        }
-    }
-    (0.5 * (low + high)).exp()
+/// Largest change of the logarithm of a standard deviation.
+fn largest_change(now: &Variances, before: &Variances) -> f64 {
+    let pairs = now.iter().zip(before).filter(|(_, before)| **before > 0.0);
+    pairs
+        .map(|(now, before)| (0.5 * (now / before).ln()).abs())
+        .fold(0.0, f64::max)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::tails;
+/// What the model takes of the rows, from some of them, spread evenly.
+struct Leverage {
+    /// Share of each variance's numbers that the model leaves to it; 0 where no row has it.
+    free: Variances,
+    /// Share of its numbers that the model takes of each chosen row.
+    rows: Vec<f64>,
+    /// Rows that one chosen row stands for.
+    every: usize,
+}
 
-    // Fails if normal residuals are given heavy tails, or heavy ones light tails, or if rows that the model follows count
-    // as evidence of tails.
-    #[test]
-    fn tails_follow_the_residuals() {
-        let normal: Vec<(f64, f64)> = (0..400).map(|k| (3.0 + 2.0 * f64::from(k % 3 - 1), 3.0)).collect();
-        assert!(tails(&normal) > 20.0);
-        let heavy: Vec<(f64, f64)> = (0..400).map(|k| (if k % 10 == 0 { 60.0 } else { 1.5 }, 3.0)).collect();
-        assert!(tails(&heavy) < 5.0);
-        let followed = |share: f64| -> Vec<(f64, f64)> {
-            (0..20)
-                .map(|k| if k % 2 == 0 { (0.3, share) } else { (5.0, 5.0) })
-                .collect()
+impl Leverage {
+    fn new(noise: &RowsNoise, seen: &Seen<'_>, rows: &[Option<StackedRow>]) -> Self {
+        let every = seen.prepared.len().div_ceil(LEVERAGE_ROWS).max(1);
+        let chosen: Vec<(&Prepared, &StackedRow, f64)> = seen
+            .prepared
+            .iter()
+            .zip(rows)
+            .zip(seen.shares)
+            .step_by(every)
+            .filter_map(|((p, row), share)| Some((p, row.as_ref()?, *share)))
+            .collect();
+        let rows_of: Vec<&Prepared> = chosen.iter().map(|(p, ..)| *p).collect();
+        let (mut some, mut taken) = ([0.0; COUNT], [0.0; COUNT]);
+        let mut of_rows = Vec::with_capacity(chosen.len());
+        for ((_, row, share), own) in chosen.iter().zip(own_covariances(seen, &rows_of)) {
+            let weight = share * noise.weight(row.d2, row.numbers());
+            of_rows.push((row.inverse.dot(&own) * weight / row.numbers()).min(1.0));
+            let held = &row.inverse * own * &row.inverse * weight;
+            let (whole, held) = (row.traces(&row.inverse), row.traces(&held));
+            for k in 0..COUNT {
+                some[k] += whole[k];
+                taken[k] += held[k];
+            }
+        }
+        let free = |k: usize| {
+            if some[k] > 0.0 {
+                (1.0 - taken[k] / some[k]).max(1e-3)
+            } else {
+                0.0
+            }
         };
-        assert!(tails(&followed(0.3)) > 1.5 * tails(&followed(5.0)));
+        Self {
+            free: std::array::from_fn(free),
+            rows: of_rows,
+            every,
+        }
+    }
+
+    /// Of row `k`.
+    fn of(&self, k: usize) -> f64 {
+        let row = self.rows.get(k / self.every).or(self.rows.last());
+        row.copied().unwrap_or(0.0)
     }
 }
