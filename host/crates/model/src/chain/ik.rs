@@ -10,6 +10,7 @@ use core::f64::consts::{FRAC_PI_2, TAU};
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
 use spherecal_shared::linalg::Cholesky;
+use spherecal_shared::robot::JointLimits;
 use spherecal_shared::{MAX_CHAIN, MAX_JOINTS};
 
 use super::{Chain, ChainFrames, JointVector, TcpPose, rotation_vector, wrapped};
@@ -100,7 +101,7 @@ impl Chain {
     ///
     /// In closed form, up to eight branches for the pose's elbow angle (0 if the pose has none).
     /// Otherwise the solutions that damped least squares finds from many seeds spread over the
-    /// limits. Near-duplicates are removed. The list is empty if the pose is out of reach. The
+    /// limits, each joint by full turns as near the middle of its limits as can be. Near-duplicates are removed. The list is empty if the pose is out of reach. The
     /// search from seeds also missed about one in 9,000 poses of a six-axis arm that are reachable
     /// only at a corner of its limits. Each solution meets pose and elbow angle to
     /// [`IK_TOLERANCE`].
@@ -123,14 +124,14 @@ impl Chain {
             self.polish(&target, &seed, SEARCH_STEPS)
         };
         let any: Vec<Vec<f64>> = (1..=SEARCH_SEEDS).filter_map(reached).collect();
-        let within = distinct(any.iter().filter_map(|q| self.turned(q)));
+        let within = distinct(any.iter().filter_map(|q| self.unwound(q)));
         if any.is_empty() || !within.is_empty() {
             return within;
         }
         // Branches outside the limits reach the pose. A branch inside them may attract only few
         // seeds.
         (SEARCH_SEEDS + 1..=SEARCH_SEEDS_MOST)
-            .find_map(|index| reached(index).and_then(|q| self.turned(&q)))
+            .find_map(|index| reached(index).and_then(|q| self.unwound(&q)))
             .into_iter()
             .collect()
     }
@@ -145,18 +146,21 @@ impl Chain {
     /// `q` (rad), with joints outside their limits moved by a full turn if that is inside. `None`
     /// if it is not.
     fn turned(&self, q: &[f64]) -> Option<Vec<f64>> {
-        let q: Vec<f64> = q
-            .iter()
-            .zip(&self.limits)
-            .map(|(q, l)| {
-                let turned = wrapped(q - 0.5 * (l.min_rad + l.max_rad)) + 0.5 * (l.min_rad + l.max_rad);
-                if (l.min_rad..=l.max_rad).contains(q) {
-                    *q
-                } else {
-                    turned
-                }
-            })
-            .collect();
+        let near = q.iter().zip(&self.limits).map(|(q, limit)| {
+            if (limit.min_rad..=limit.max_rad).contains(q) {
+                *q
+            } else {
+                about_middle(*q, limit)
+            }
+        });
+        let q: Vec<f64> = near.collect();
+        (self.limit_margin(&q) >= 0.0).then_some(q)
+    }
+
+    /// `q` (rad), each joint by full turns as near the middle of its limits as can be. `None` if that is outside.
+    fn unwound(&self, q: &[f64]) -> Option<Vec<f64>> {
+        let near = q.iter().zip(&self.limits).map(|(q, limit)| about_middle(*q, limit));
+        let q: Vec<f64> = near.collect();
         (self.limit_margin(&q) >= 0.0).then_some(q)
     }
 
@@ -299,6 +303,12 @@ impl Srs {
             })
             .collect()
     }
+}
+
+/// `angle` (rad) by full turns as near the middle of a joint's limits as can be.
+fn about_middle(angle: f64, limit: &JointLimits) -> f64 {
+    let middle = 0.5 * (limit.min_rad + limit.max_rad);
+    wrapped(angle - middle) + middle
 }
 
 /// The solutions without repetitions, full turns included.
