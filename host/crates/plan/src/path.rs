@@ -115,7 +115,8 @@ pub struct Rules {
     /// rad: at zero two axes of shoulder, elbow or wrist align. Also for every other arm with seven joints: the smallest
     /// angle between the axes 1 and 3, half of that between upper arm and forearm, and the one between the axes 5 and 7.
     pub singular_rad: [f64; 3],
-    /// For every arm without that structure: smallest singular value of the TCP Jacobian (m and rad).
+    /// For every arm without that structure: smallest singular value of the TCP Jacobian (m and rad). Arms with seven joints
+    /// have one to spare and keep a third of it.
     pub singular_value: f64,
     /// Step of the followed path, in rad of rotation or elbow.
     pub step_rad: f64,
@@ -176,7 +177,6 @@ impl Rules {
         Self {
             limit_margin_rad: 2f64.to_radians(),
             singular_rad: [1f64.to_radians(); 3],
-            singular_value: 0.03,
             ..Self::default()
         }
     }
@@ -262,15 +262,19 @@ impl Rules {
                 }
             }));
         }
-        let rank = NearSingular {
-            room: chain.smallest_singular_value(q) - self.singular_value,
+        let rank = |least: f64| NearSingular {
+            room: chain.smallest_singular_value(q) - least,
             joint: 0,
             angle_rad: 0.0,
         };
-        if q.len() != 7 || rank.room < 0.0 {
-            return rank;
+        if q.len() != 7 {
+            return rank(self.singular_value);
         }
-        nearest(&mut self.seven_joints(chain, q).into_iter().chain([rank]))
+        let spare = rank(self.singular_value / 3.0);
+        if spare.room < 0.0 {
+            return spare;
+        }
+        nearest(&mut self.seven_joints(chain, q).into_iter().chain([spare]))
     }
 
     /// The singular places of an arm with seven joints and without the closed form.
