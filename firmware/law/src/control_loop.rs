@@ -2,18 +2,17 @@
 //!
 //! spherecal's own controller puts the parts together itself, because its phases lie between them.
 
-use nalgebra::{Matrix3, SVector};
-use spherecal_shared::linalg::Cholesky;
-use spherecal_shared::procedure::{Law, MAX_STIFFNESS_N_M, MAX_STIFFNESS_NM_RAD, Procedure, ProcedureError};
-use spherecal_shared::robot::{Arm, JointLimits, Pose, Robot, RobotError, Tool};
+use nalgebra::SVector;
+use spherecal_shared::procedure::{Law, Procedure};
+use spherecal_shared::robot::{Arm, JointLimits, Pose, Robot, Tool};
 
+use super::error::LawError;
+use super::live::LiveSpring;
+use super::passivity::Tank;
 use super::{
-    Actuation, CartesianSetpoint, Impedance, JointSetpoint, NullSpace, Observer, Shaped, Snapshot, Stiffness,
-    TorqueLoop, TorqueShaper, Wrench, joint_spring, poles,
+    Actuation, Axes, CartesianSetpoint, EnergyLimit, FullStiffness, JointSetpoint, NullSpace, Observer, Shaped,
+    Snapshot, TorqueLoop, TorqueShaper, Withheld, Wrench, joint_spring, poles,
 };
-
-/// Share of the largest stiffness that rounding may add.
-const SLACK: f64 = 1e-9;
 
 /// What the arm is pulled to.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,25 +33,6 @@ pub enum Goal<const N: usize> {
     },
 }
 
-/// Why a loop is not made, or a stiffness not taken.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum LawError {
-    /// Robot or tool are not possible, or have another number of joints.
-    #[error(transparent)]
-    Robot(#[from] RobotError),
-    /// A number of the law is out of its range.
-    #[error(transparent)]
-    Law(#[from] ProcedureError),
-    /// A stiffness is not a number, not symmetric, negative in some direction, or too large.
-    #[error("{field}: give a symmetric stiffness from 0 to {most}")]
-    Stiffness {
-        /// The part of [`Stiffness`].
-        field: &'static str,
-        /// Largest value, in N/m or N m/rad.
-        most: f64,
-    },
-}
-
 /// What a cycle of the loop gives.
 #[derive(Clone, Copy, Debug)]
 pub struct Output<const N: usize> {
@@ -66,6 +46,18 @@ pub struct Output<const N: usize> {
     pub wrench: Wrench,
     /// Whether the arm is near a singularity: stiffness and wrench mean less there.
     pub near_singular: bool,
+    /// What the passivity guard held back.
+    pub withheld: Withheld,
+}
+
+/// The law, if its numbers are possible.
+fn checked(law: Law) -> Result<Law, LawError> {
+    let procedure = Procedure {
+        law,
+        ..Procedure::default()
+    };
+    procedure.check()?;
+    Ok(law)
 }
 
 /// An impedance loop of `N` joints.
@@ -84,7 +76,7 @@ pub struct ImpedanceLoop<const N: usize> {
     drive: Actuation<N>,
     gravity_by_drive: bool,
     period_s: f64,
-    impedance: Impedance,
+    spring: LiveSpring,
     observer: Observer<N>,
     torque_loop: TorqueLoop<N>,
     shaper: TorqueShaper<N>,
@@ -104,11 +96,7 @@ impl<const N: usize> ImpedanceLoop<N> {
         gravity_by_drive: bool,
         period_s: f64,
     ) -> Result<Self, LawError> {
-        let procedure = Procedure {
-            law,
-            ..Procedure::default()
-        };
-        procedure.check()?;
+        let law = checked(law)?;
         let arm = Arm::new(robot, tool)?;
         Ok(Self {
             goal: None,
@@ -120,39 +108,54 @@ impl<const N: usize> ImpedanceLoop<N> {
             drive,
             gravity_by_drive,
             period_s,
-            impedance: Impedance::new(Stiffness::isotropic(0.0, 0.0)),
+            spring: LiveSpring::default(),
             observer: Observer::default(),
             torque_loop: TorqueLoop::default(),
             shaper: TorqueShaper::default(),
         })
     }
 
-    /// Ramps to a Cartesian stiffness within [`Law::stiffness_ramp_s`], from the present one. It is 0 at the beginning.
+    /// Ramps to a Cartesian stiffness in the axes of the base or the tool within [`Law::stiffness_ramp_s`], from the present one. It
+    /// is 0 at the beginning.
     ///
     /// # Errors
     /// [`LawError::Stiffness`]; the stiffness stays as it is then.
-    pub fn set_stiffness(&mut self, stiffness: Stiffness) -> Result<(), LawError> {
-        let refused = |field, most| Err(LawError::Stiffness { field, most });
-        let k = &stiffness.translation;
-        let finite = k.iter().all(|x| x.is_finite());
-        let symmetric = (k - k.transpose()).norm() <= SLACK * MAX_STIFFNESS_N_M;
-        // No direction may be softer than nothing, or stiffer than the most.
-        let unit = Matrix3::from_diagonal_element(MAX_STIFFNESS_N_M);
-        let within = [k + unit * SLACK, unit * (1.0 + SLACK) - k];
-        if !(finite && symmetric && within.iter().all(|k| Cholesky::new(k).is_some())) {
-            return refused("translation", MAX_STIFFNESS_N_M);
-        }
-        if !(stiffness.rotation >= 0.0 && stiffness.rotation <= MAX_STIFFNESS_NM_RAD) {
-            return refused("rotation", MAX_STIFFNESS_NM_RAD);
-        }
-        self.impedance
-            .ramp_to(stiffness, self.law.stiffness_ramp_s, self.period_s);
+    pub fn set_stiffness(&mut self, stiffness: impl Into<FullStiffness>, axes: Axes) -> Result<(), LawError> {
+        let stiffness = stiffness.into();
+        stiffness.check()?;
+        let rate = (self.period_s / self.law.stiffness_ramp_s.max(self.period_s)).min(1.0);
+        self.spring.ramp_to(stiffness, axes, rate);
         Ok(())
+    }
+
+    /// Takes another law from the next cycle on.
+    ///
+    /// # Errors
+    /// [`LawError::Law`]; the law stays as it is then.
+    pub fn set_law(&mut self, law: Law) -> Result<(), LawError> {
+        self.law = checked(law)?;
+        Ok(())
+    }
+
+    /// Bounds the energy that changes of a Cartesian goal and its stiffness give, by a full tank; `None` ends this. A goal of joints
+    /// and the null space are not bounded.
+    ///
+    /// # Errors
+    /// [`LawError::Energy`]; the guard stays as it is then.
+    pub fn set_energy_limit(&mut self, limit: Option<EnergyLimit>) -> Result<(), LawError> {
+        self.spring.tank = limit.map(Tank::new).transpose()?;
+        Ok(())
+    }
+
+    /// Energy in the tank, in J; `None` without a guard.
+    pub fn tank_j(&self) -> Option<f64> {
+        self.spring.tank.as_ref().map(Tank::energy_j)
     }
 
     /// Starts anew: from the next state on the arm is held where it is, with the stiffness as it is.
     pub fn reset(&mut self) {
         (self.goal, self.null_space) = (None, None);
+        self.spring.forget();
         self.observer.reset();
         self.torque_loop.reset();
         self.shaper.reset();
@@ -171,9 +174,11 @@ impl<const N: usize> ImpedanceLoop<N> {
         let law = &self.law;
         let wrench = self.observer.update(&snapshot, tau, law.observer_rad_s, self.period_s);
         let at_rest = || Goal::Pose(CartesianSetpoint::at(snapshot.tcp.position, snapshot.tcp.rotation));
+        let mut withheld = Withheld::Nothing;
         let mut wanted = match self.goal.get_or_insert_with(at_rest) {
             Goal::Pose(setpoint) => {
-                let force = self.impedance.force(&snapshot, setpoint, law.damping_ratio);
+                let (force, held) = self.spring.force(&snapshot, setpoint, law.damping_ratio, self.period_s);
+                withheld = held;
                 let null_space = self.null_space.get_or_insert_with(|| NullSpace::at(&snapshot));
                 let ratio = law.elbow_damping_ratio;
                 snapshot.joint_torque(&force) + null_space.torque(&snapshot, &self.limits, law.elbow_nm_rad, ratio)
@@ -181,7 +186,10 @@ impl<const N: usize> ImpedanceLoop<N> {
             Goal::Joints {
                 setpoint,
                 natural_rad_s,
-            } => joint_spring(&snapshot, setpoint, *natural_rad_s, 1.0).torque,
+            } => {
+                self.spring.forget();
+                joint_spring(&snapshot, setpoint, *natural_rad_s, 1.0).torque
+            }
         };
         wanted += snapshot.coriolis;
         let (mut delivered, mut limits) = (SVector::from(*tau), self.limits.map(|limits| limits.torque_nm));
@@ -212,6 +220,7 @@ impl<const N: usize> ImpedanceLoop<N> {
             tcp: snapshot.tcp,
             wrench,
             near_singular: snapshot.near_singular,
+            withheld,
         })
     }
 }

@@ -5,15 +5,15 @@ use spherecal_shared::procedure::Law;
 use spherecal_shared::robot::{Arm, Dynamics, built_in, iiwa7_tool};
 
 use crate::{
-    Actuation, CartesianSetpoint, Goal, ImpedanceLoop, JointSetpoint, LawError, Output, Stiffness, rotation_error,
+    Actuation, Axes, CartesianSetpoint, Goal, ImpedanceLoop, JointSetpoint, LawError, Output, Stiffness, rotation_error,
 };
 
-const PERIOD_S: f64 = 1e-3;
+pub(crate) const PERIOD_S: f64 = 1e-3;
 
 /// A rigid arm under a loop.
-struct Bench<const N: usize> {
+pub(crate) struct Bench<const N: usize> {
     arm: Arm<f64, N>,
-    control: ImpedanceLoop<N>,
+    pub(crate) control: ImpedanceLoop<N>,
     q: SVector<f64, N>,
     dq: SVector<f64, N>,
     torque: SVector<f64, N>,
@@ -21,14 +21,14 @@ struct Bench<const N: usize> {
 }
 
 impl<const N: usize> Bench<N> {
-    fn new(name: &str, q: [f64; N], gravity_by_drive: bool) -> Self {
+    pub(crate) fn new(name: &str, q: [f64; N], gravity_by_drive: bool) -> Self {
         let (robot, tool) = (built_in(name).expect("a built-in robot"), iiwa7_tool());
         let arm = Arm::new(&robot, &tool).expect("an arm");
         let (law, drive) = (Law::default(), Actuation::default());
         let mut control =
             ImpedanceLoop::new(&robot, &tool, law, drive, gravity_by_drive, PERIOD_S).expect("the defaults");
         control
-            .set_stiffness(Stiffness::isotropic(400.0, 30.0))
+            .set_stiffness(Stiffness::isotropic(400.0, 30.0), Axes::Base)
             .expect("a stiffness");
         Self {
             torque: arm.bodies(&arm.frames(&q)).gravity(),
@@ -41,7 +41,7 @@ impl<const N: usize> Bench<N> {
     }
 
     /// One cycle under a wrench (F0, at the TCP).
-    fn step(&mut self, push: &Vector6<f64>) -> Output<N> {
+    pub(crate) fn step(&mut self, push: &Vector6<f64>) -> Output<N> {
         let (q, dq) = (self.q.into(), self.dq.into());
         let out = self.control.step(&q, &dq, &self.torque.into()).expect("finite");
         let frames = self.arm.frames(&q);
@@ -58,16 +58,22 @@ impl<const N: usize> Bench<N> {
         out
     }
 
-    fn run(&mut self, cycles: u32, push: &Vector6<f64>) -> Output<N> {
+    pub(crate) fn run(&mut self, cycles: u32, push: &Vector6<f64>) -> Output<N> {
         for _ in 1..cycles {
             self.step(push);
         }
         self.step(push)
     }
+
+    /// Kinetic energy, in J.
+    pub(crate) fn kinetic_j(&self) -> f64 {
+        let bodies = self.arm.bodies(&self.arm.frames(&self.q.into()));
+        0.5 * self.dq.dot(&(bodies.mass_matrix() * self.dq))
+    }
 }
 
-const IIWA: [f64; 7] = [0.0, 0.7, 0.0, -1.2, 0.0, 1.24, 0.0];
-const UR: [f64; 6] = [0.1, -1.2, 1.5, -1.4, -1.5, 0.2];
+pub(crate) const IIWA: [f64; 7] = [0.0, 0.7, 0.0, -1.2, 0.0, 1.24, 0.0];
+pub(crate) const UR: [f64; 6] = [0.1, -1.2, 1.5, -1.4, -1.5, 0.2];
 
 /// Checks the deflection under a force and a moment, the wrench, and that the arm returns.
 fn renders<const N: usize>(name: &str, q: [f64; N], gravity_by_drive: bool) {
@@ -182,7 +188,7 @@ fn impossible_stiffnesses_are_refused() {
         (diagonal(400.0), 300.1, Some("rotation")),
         (diagonal(400.0), f64::NAN, Some("rotation")),
     ] {
-        let refused = match control.set_stiffness(Stiffness { translation, rotation }) {
+        let refused = match control.set_stiffness(Stiffness { translation, rotation }, Axes::Base) {
             Err(LawError::Stiffness { field, .. }) => Some(field),
             _ => None,
         };

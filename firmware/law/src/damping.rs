@@ -16,7 +16,7 @@ use spherecal_shared::linalg::jacobi_sweep;
 use spherecal_shared::scalar::sqrt;
 
 use super::snapshot::Snapshot;
-use super::stiffness::Stiffness;
+use super::stiffness::{Rotational, Stiffness};
 
 /// Smallest modal frequency, in rad/s. It gives damping to axes without
 /// stiffness. The softest spring of the procedure (5 N/m on 20 kg: 0.5 rad/s) is
@@ -45,10 +45,10 @@ impl Damping {
     /// the part of its spring force beyond is taken off, by the position error `error`
     /// (m and rad).
     #[inline]
-    pub(super) fn force<const N: usize>(
+    pub(super) fn force<R: Rotational, const N: usize>(
         &mut self,
         snapshot: &Snapshot<N>,
-        stiffness: &Stiffness,
+        stiffness: &Stiffness<R>,
         ratio: f64,
         error: &Vector6<f64>,
         velocity_error: &Vector6<f64>,
@@ -101,7 +101,11 @@ impl Damping {
     /// One sweep towards the eigenvectors of `A`. Returns the modal frequencies in
     /// rad/s, bounded below.
     #[inline]
-    pub(super) fn update<const N: usize>(&mut self, snapshot: &Snapshot<N>, stiffness: &Stiffness) -> Vector6<f64> {
+    pub(super) fn update<R: Rotational, const N: usize>(
+        &mut self,
+        snapshot: &Snapshot<N>,
+        stiffness: &Stiffness<R>,
+    ) -> Vector6<f64> {
         // C = L V are the modes in task coordinates; then V^T A V = C^T K C.
         let lower = snapshot.mobility.lower();
         let mut modes = Matrix6::zeros();

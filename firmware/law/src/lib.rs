@@ -11,14 +11,19 @@ mod damping;
 mod disturbance;
 #[cfg(test)]
 mod elastic_tests;
+mod error;
 #[cfg(test)]
 mod explicit_tests;
 mod giving;
 mod guide;
 mod impedance;
 mod joint;
+mod live;
+#[cfg(test)]
+mod live_tests;
 mod null_space;
 mod observer;
+mod passivity;
 mod snapshot;
 mod stiffness;
 #[cfg(test)]
@@ -26,15 +31,18 @@ mod testing;
 mod torque;
 mod torque_loop;
 
-pub use control_loop::{Goal, ImpedanceLoop, LawError, Output};
+pub use control_loop::{Goal, ImpedanceLoop, Output};
 pub use disturbance::{Disturbance, Excess, beyond_sensors};
+pub use error::LawError;
 pub use giving::Giving;
 pub use guide::guide_torque;
 pub use impedance::{CartesianSetpoint, Impedance, rotation_about, rotation_error};
 pub use joint::{JointSetpoint, JointSpring, joint_spring};
+pub use live::Axes;
 pub use null_space::NullSpace;
 pub use observer::{Observer, Wrench};
+pub use passivity::{EnergyLimit, Withheld};
 pub use snapshot::{Actuation, Snapshot};
-pub use stiffness::Stiffness;
+pub use stiffness::{FullStiffness, Stiffness};
 pub use torque::{Shaped, TorqueShaper};
 pub use torque_loop::{TorqueLoop, poles};

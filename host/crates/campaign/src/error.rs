@@ -282,8 +282,11 @@ pub fn remedy(fault: Fault) -> &'static str {
              clear the arm, and check the tool"
         }
         Fault::NoContact => "check that the sphere is in place and that its waypoint is within 10 mm",
-        Fault::NotSeated => "clean nest and sphere, and teach the waypoint closer",
-        Fault::ContactLost => "clean nest and sphere, and check the magnet",
+        Fault::NotSeated => {
+            "clean nest and sphere, check that the magnet holds, and teach the waypoint closer; far above the sphere, friction \
+             that the torque sensors do not see felt like a contact"
+        }
+        Fault::ContactLost => "clean nest and sphere, check the magnet, and fasten a plate that swings",
         Fault::StillCoupled => "pull the nest off by hand, or raise procedure.decouple.retreat_m",
         Fault::StaleState => {
             "the drive does not keep its period: check the drive link; where a joint is named, check its encoder"
@@ -324,6 +327,22 @@ pub fn remedy(fault: Fault) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    // Fails if a fault whose cause was found in a simulation does not name it: a nest without a magnet, friction behind the torque
+    // sensors, a plate that swings, a tool that is not declared, drives that are off.
+    #[test]
+    fn causes_that_were_found_are_named() {
+        for (fault, cause) in [
+            (Fault::NotSeated, "magnet"),
+            (Fault::NotSeated, "friction that the torque sensors do not see"),
+            (Fault::ContactLost, "a plate that swings"),
+            (Fault::Pressing, "tool mass"),
+            (Fault::Tare, "the declared tool mass"),
+            (Fault::Drive, "emergency stop"),
+        ] {
+            assert!(remedy(fault).contains(cause), "{}", remedy(fault));
+        }
+    }
 
     // Fails if a sphere is said to be off relative to itself, or if the sphere it was compared with is not named.
     #[test]

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::AtomicBool;
 
 use spherecal_shared::Joints;
+use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{Command, Fault, FaultReport, Phase, PoseCommand, Refusal};
 
 use super::force::ForceSense;
@@ -82,6 +83,8 @@ pub(super) struct Campaign<'a> {
     pub(super) place: u32,
     /// Whether the nest may be on a sphere.
     pub(super) touching: bool,
+    /// What the controller works with.
+    pub(super) procedure: Procedure,
 }
 
 impl<'a> Campaign<'a> {
@@ -98,6 +101,7 @@ impl<'a> Campaign<'a> {
             waypoints,
             place: 0,
             touching: false,
+            procedure: *assignment.procedure,
         }
     }
 
@@ -113,7 +117,7 @@ impl<'a> Campaign<'a> {
     pub(super) fn configuration(&self) -> Command {
         Command::Configure {
             tool: *self.assignment.tool,
-            procedure: *self.assignment.procedure,
+            procedure: self.procedure,
         }
     }
 
@@ -294,6 +298,7 @@ impl<'a> Campaign<'a> {
             session.stage(CampaignStage::Recover, visit.sphere_id, plan);
             self.let_go(session, visit, report)?;
             self.touching = false;
+            self.turn_slowly(session, &report)?;
             if in_vain >= self.assignment.options.attempts {
                 return Err(if report.fault == Fault::NoContact {
                     CampaignError::NoContact {

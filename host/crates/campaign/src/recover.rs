@@ -2,7 +2,8 @@
 //! How long it waits and how often it tries is in [`recovery`](super::recovery).
 
 use nalgebra::Vector3;
-use spherecal_shared::protocol::host::{Command, FaultReport, Phase, Refusal};
+use spherecal_shared::procedure::Procedure;
+use spherecal_shared::protocol::host::{Command, Fault, FaultReport, Phase, Refusal};
 
 use super::CampaignError;
 use super::observe::CampaignStage;
@@ -218,6 +219,20 @@ impl<'a> Campaign<'a> {
             attempts,
             report,
         })
+    }
+
+    /// Turns more slowly after a nest left its sphere in a turn: cables of 1.5 N m pull a nest off in fast turns, because
+    /// their torque changes faster than the law follows. The speed stays so for the rest of the session.
+    pub(super) fn turn_slowly(&mut self, session: &mut Session<'_>, report: &FaultReport) -> Result<(), CampaignError> {
+        let (turn, slow) = (&mut self.procedure.turn, Procedure::default().paper().turn);
+        let lost = report.fault == Fault::ContactLost && report.phase == Phase::Turning;
+        if !lost || turn.speed_rad_s <= slow.speed_rad_s {
+            return Ok(());
+        }
+        turn.speed_rad_s = slow.speed_rad_s;
+        turn.acceleration_rad_s2 = turn.acceleration_rad_s2.min(slow.acceleration_rad_s2);
+        session.note("the nest left its sphere in a turn: the arm turns more slowly from here on");
+        self.configure(session)
     }
 
     /// Repeats the handshake with a controller that was lost, configures it again, and brings the nest off

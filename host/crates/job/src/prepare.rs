@@ -127,6 +127,7 @@ fn known(config: &Config) -> Result<Known, JobError> {
         plates: plate_poses(&config.cell.nominal()),
         approach_height_m: config.plan.approach_height_m,
         work,
+        contact: (&config.procedure).into(),
         obstacles: plan::Obstacles {
             sphere_radius_m: config.cell.plate.sphere_radius_m,
             surface_below_m: config.cell.plate.surface_below_m,

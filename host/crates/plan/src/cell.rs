@@ -4,8 +4,10 @@ use core::f64::consts::PI;
 
 use nalgebra::{Matrix3, Rotation3, UnitVector3, Vector3};
 use serde::{Deserialize, Serialize};
+use spherecal_shared::procedure::Procedure;
 use spherecal_shared::robot::{Robot, Tool, iiwa7, iiwa7_tool};
 
+use super::contact_mass::Contact;
 use super::error::PlanError;
 use spherecal_identify::{Sphere, paper_plate};
 use spherecal_model::chain::{Chain, TcpPose, rotation_of};
@@ -85,6 +87,8 @@ pub struct Cell {
     /// Postures of the work region (rad), over which an optimal plan makes the error small; the space in front of the arm
     /// without it.
     pub work: Option<Vec<Vec<f64>>>,
+    /// What the arm may do to a sphere as it meets it.
+    pub contact: Contact,
 }
 
 impl Cell {
@@ -101,6 +105,7 @@ impl Cell {
             home_height_m: 0.200,
             obstacles: Obstacles::default(),
             work: None,
+            contact: Contact::from(&Procedure::default()),
         }
     }
 

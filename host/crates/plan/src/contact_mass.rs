@@ -4,29 +4,74 @@
 //! `(J M^-1 J')^-1`: a few kilograms in most postures, and many times as much where the arm is folded or stretched, because a
 //! small step of the tool then needs large turns of heavy links.
 //!
-//! Within 10 ms a sphere stops a mass `m` of the speed `v` with `m v / 10 ms`. This has to stay within the limit of the fault
-//! `force`, together with the magnet's pull along the approach. A rim may meet a sphere from any side.
+//! Along the approach the magnet draws the nest on: its work, pull times [`MAGNET_REACH_M`], adds to the energy of the approach.
+//! A sphere stops the momentum of both within [`STOP_S`]. A rim may meet a sphere from any side, without the magnet's work, and
+//! stops within [`RIM_S`]. Either force has to stay within the limit of the fault `force`.
 
 use nalgebra::{Cholesky, Matrix3, SMatrix, Vector3};
-use spherecal_shared::procedure::{Approach, Limits};
+use spherecal_shared::procedure::Procedure;
 use spherecal_shared::robot::{Arm, Dynamics, Robot, Tool};
 
 use super::path::Obstacle;
 
-/// Pull of the magnet, in N.
-const MAGNET_N: f64 = 26.5;
-/// Time within which a sphere stops the tool, in s.
-const STOP_S: f64 = 0.010;
-/// Speed at the contact, as a multiple of that of the approach: the magnet draws the arm on.
+/// Work of a magnet over its pull on a seated sphere, in m: the pull falls to a quarter within 1 mm (assumed, as in the simulated nest).
+const MAGNET_REACH_M: f64 = 0.001;
+/// Time within which a sphere stops the tool along the approach, in s. With it the paper's magnet and 100 N allow 24.7 kg: simulated
+/// UR20 that met spheres with 30 to 51 kg pressed with 110 to 203 N, where this says 113 to 160.
+const STOP_S: f64 = 0.013;
+/// Time within which a sphere stops a rim, in s.
+const RIM_S: f64 = 0.010;
+/// Speed of a rim at the contact, as a multiple of that of the approach.
 const DRAWN_ON: f64 = 1.2;
 
-/// Checks that an arm at joint angles `q` (rad) meets a sphere along the unit direction of F0 with at most 24.5 kg, and with at most
-/// 33 kg from any side. A simulated UR20 that met spheres with 30 to 51 kg pressed with 110 to 203 N. Of an arm that no controller
-/// drives, or whose masses are not known, nothing is checked.
+/// What an arm may do to a sphere as it meets it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    /// Force of the fault `force`, in N.
+    pub limit_n: f64,
+    /// Speed of the approach, in m/s.
+    pub speed_m_s: f64,
+    /// Pull of the magnet on a seated sphere, in N.
+    pub magnet_n: f64,
+}
+
+impl From<&Procedure> for Contact {
+    fn from(procedure: &Procedure) -> Self {
+        Self {
+            limit_n: procedure.limits.force_n,
+            speed_m_s: procedure.approach.speed_m_s,
+            magnet_n: procedure.decouple.magnet_n,
+        }
+    }
+}
+
+impl Contact {
+    /// Largest mass along the approach, in kg: `(m v)² + 2 m W = p²` with the magnet's work `W` and the largest momentum `p`.
+    fn most_along_kg(&self) -> f64 {
+        let (work, most) = (self.magnet_n * MAGNET_REACH_M, self.limit_n * STOP_S);
+        let square = self.speed_m_s * self.speed_m_s;
+        // The root without cancellation; a speed of 0 is allowed.
+        most * most / (work + (work * work + square * most * most).sqrt())
+    }
+
+    /// Largest mass in any direction, in kg.
+    fn most_any_kg(&self) -> f64 {
+        self.limit_n * RIM_S / (DRAWN_ON * self.speed_m_s)
+    }
+}
+
+/// Checks that an arm at joint angles `q` (rad) meets a sphere along the unit direction of F0, and from any side, with no more mass
+/// than the contact allows. Of an arm that no controller drives, or whose masses are not known, nothing is checked.
 ///
 /// # Errors
 /// [`Obstacle::Heavy`].
-pub(super) fn check(robot: &Robot, tool: &Tool, q: &[f64], direction: &Vector3<f64>) -> Result<(), Obstacle> {
+pub(super) fn check(
+    robot: &Robot,
+    tool: &Tool,
+    contact: &Contact,
+    q: &[f64],
+    direction: &Vector3<f64>,
+) -> Result<(), Obstacle> {
     let masses = match q.len() {
         6 => masses::<6>(robot, tool, q),
         7 => masses::<7>(robot, tool, q),
@@ -35,10 +80,8 @@ pub(super) fn check(robot: &Robot, tool: &Tool, q: &[f64], direction: &Vector3<f
     let Some(masses) = masses else {
         return Ok(());
     };
-    let (limit_n, speed_m_s) = (Limits::default().force_n, DRAWN_ON * Approach::default().speed_m_s);
-    let most = |force: f64| force * STOP_S / speed_m_s;
-    let along = (direction.dot(&(masses * direction)), most(limit_n - MAGNET_N));
-    let any = (masses.symmetric_eigenvalues().max(), most(limit_n));
+    let along = (direction.dot(&(masses * direction)), contact.most_along_kg());
+    let any = (masses.symmetric_eigenvalues().max(), contact.most_any_kg());
     for (kg, most_kg) in [along, any] {
         if kg > most_kg {
             return Err(Obstacle::Heavy { kg, most_kg });

@@ -34,6 +34,30 @@ fn the_mass_has_the_energy_of_the_arm() {
     }
 }
 
+// Fails if the mass of a contact is another than the one whose momentum, after the magnet's work, the limit stops; if a stronger
+// magnet allows more; or if the paper's magnet no longer allows what simulated arms showed.
+#[test]
+fn the_magnet_bounds_the_mass_of_a_contact() {
+    let procedure = Procedure::default();
+    let mut contact = Contact::from(&procedure);
+    assert!(
+        (contact.most_along_kg() - 24.7).abs() < 0.1,
+        "{}",
+        contact.most_along_kg()
+    );
+    assert!((contact.most_any_kg() - 33.3).abs() < 0.1, "{}", contact.most_any_kg());
+    let mut last = f64::INFINITY;
+    for magnet_n in [0.0, 13.0, 26.5, 79.0, 265.0] {
+        contact.magnet_n = magnet_n;
+        let kg = contact.most_along_kg();
+        let energy = 0.5 * kg * contact.speed_m_s.powi(2) + magnet_n * 1e-3;
+        let force = (2.0 * kg * energy).sqrt() / 0.013;
+        assert!((force - contact.limit_n).abs() < 1e-9, "{force} N at {magnet_n} N");
+        assert!(kg < last, "{kg} kg at {magnet_n} N");
+        last = kg;
+    }
+}
+
 // Fails if a folded arm goes to the sphere, or if no other place is found for the plate, or one where the arm is folded, too.
 #[test]
 #[ignore = "slow: the gate runs it"]

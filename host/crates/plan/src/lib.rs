@@ -51,6 +51,7 @@ pub use bounds::Bounds;
 pub use build::{PlanRequest, paper_plan, plan, spread_plan};
 pub use candidates::Range;
 pub use cell::{Cell, Obstacles, PlatePose};
+pub use contact_mass::Contact;
 pub use design::{design, design_for, predicted_accuracy};
 pub use design_request::{CONTACTS, DesignRequest};
 pub use error::PlanError;

@@ -54,7 +54,8 @@ pub enum Obstacle {
     },
     /// The arm is folded or stretched: it would meet the sphere with too much mass.
     #[error(
-        "the arm is folded or stretched there: it would meet the sphere with {kg:.0} kg, and may with {most_kg:.0}"
+        "the arm is folded or stretched there: it would meet the sphere with {kg:.0} kg, and may with {most_kg:.0} \
+         (by procedure.limits.force_n, approach.speed_m_s and decouple.magnet_n)"
     )]
     Heavy {
         /// Mass along the approach, or in the worst direction, while the orientation is held, in kg.

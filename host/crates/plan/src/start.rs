@@ -80,7 +80,13 @@ impl<'a> PlacedCell<'a> {
             position: neutral.position - direction * self.cell.approach_height_m,
             ..neutral
         };
-        contact_mass::check(&self.cell.robot, &self.cell.tool, &joints, &direction)?;
+        contact_mass::check(
+            &self.cell.robot,
+            &self.cell.tool,
+            &self.cell.contact,
+            &joints,
+            &direction,
+        )?;
         let approach = self.rules.follow(self.chain, &neutral, &joints, &above)?;
         self.scene.standing(&approach, None)?;
         Ok(Start {
