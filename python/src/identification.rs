@@ -278,6 +278,17 @@ impl NativeIdentification {
         matrix(py, 6, values)
     }
 
+    /// Name of each of these rows, as messages and files have it.
+    fn residual_names(&self) -> Vec<String> {
+        let evaluation = &self.study.evaluation;
+        let rows = evaluation.calibration.residual.rows.iter();
+        rows.map(|row| {
+            let index = evaluation.used.get(row.index).copied().unwrap_or(row.index);
+            self.study.recordings.describe(index)
+        })
+        .collect()
+    }
+
     /// TCP of the full model in the root frame of the robot's file, in m.
     fn predict<'py>(&self, py: Python<'py>, q: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let rows = Rows::joints(&q, self.study.model.robot.dof())?;
