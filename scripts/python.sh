@@ -25,7 +25,7 @@ tools() {
 case "${1:-}" in
     wheel)
         tools
-        "$place/tools/bin/maturin" build --release --locked --manifest-path python/Cargo.toml --out target/wheels
+        "$place/tools/bin/maturin" build --profile release --features command --locked --manifest-path python/Cargo.toml --out target/wheels
         ;;
     test)
         rm -rf "$place/wheels" "$place/env"
@@ -35,7 +35,7 @@ case "${1:-}" in
         *)
             tools
             # No tag for other Linux systems: the wheel stays here.
-            "$place/tools/bin/maturin" build --profile dev --locked --compatibility linux --quiet \
+            "$place/tools/bin/maturin" build --profile dev --features command --locked --compatibility linux --quiet \
                 --manifest-path python/Cargo.toml --out "$place/wheels"
             ;;
         esac

@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -361,7 +362,8 @@ class Identification:
 
     def write(self, folder: str | os.PathLike[str]) -> list[str]:
         """Writes the files of the command, with ``report.html``, into ``folder``; their paths."""
-        return self._native.write(os.fspath(folder))
+        created = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
+        return self._native.write(os.fspath(folder), created)
 
 
 @dataclass(frozen=True)

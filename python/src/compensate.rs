@@ -1,7 +1,7 @@
 //! Joint commands with which a nominal controller reaches its pose with the real arm.
 
-use spherecal::identify::study::Study;
-use spherecal::model::chain::{Chain, TcpPose};
+use spherecal_identify::study::Study;
+use spherecal_model::chain::{Chain, TcpPose};
 use spherecal_shared::robot::Tool;
 
 use crate::error::Failure;
