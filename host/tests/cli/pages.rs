@@ -62,8 +62,9 @@ impl Page {
             let mut words = head.split_whitespace();
             match (words.next(), words.next()) {
                 (Some("console"), _) => {
-                    let lines = text.lines().filter_map(|line| line.strip_prefix("$ "));
-                    lines.for_each(|line| found.command(line));
+                    for line in text.lines().filter_map(|line| line.strip_prefix("$ ")) {
+                        found.command(line);
+                    }
                 }
                 (Some("text"), None) => found.shown.extend(text.lines().map(str::to_owned)),
                 (Some(_), Some(name)) => std::fs::write(folder.join(name), text).expect("written"),
