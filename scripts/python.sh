@@ -7,6 +7,8 @@
 #                             docstrings and the notebook. WHEEL: the package. LIBRARY: the extension module, already
 #                             built (target/debug/lib_native.so of a build of the workspace). Without: maturin builds it
 #
+#   scripts/python.sh sources install from the sources, as `pip install ./python` does, and run the README's lines
+#
 # Builds share what they can with the workspace's: one folder, the same profile.
 set -eu
 cd "$(dirname "$0")/.."
@@ -25,7 +27,7 @@ tools() {
 case "${1:-}" in
     wheel)
         tools
-        "$place/tools/bin/maturin" build --release --locked --manifest-path python/Cargo.toml --out target/wheels
+        "$place/tools/bin/maturin" build --profile release --features command --locked --manifest-path python/Cargo.toml --out target/wheels
         ;;
     test)
         rm -rf "$place/wheels" "$place/env"
@@ -35,7 +37,7 @@ case "${1:-}" in
         *)
             tools
             # No tag for other Linux systems: the wheel stays here.
-            "$place/tools/bin/maturin" build --profile dev --locked --compatibility linux --quiet \
+            "$place/tools/bin/maturin" build --profile dev --features command --locked --compatibility linux --quiet \
                 --manifest-path python/Cargo.toml --out "$place/wheels"
             ;;
         esac
@@ -49,6 +51,17 @@ case "${1:-}" in
         cd python
         "$place/env/bin/python" -P -m pytest --quiet --import-mode=importlib -p no:cacheprovider tests
         "$place/env/bin/python" -P -m pytest --quiet -p no:cacheprovider --doctest-modules --pyargs spherecal
+        ;;
+    sources)
+        rm -rf "$place/env"
+        python3 -m venv "$place/env"
+        "$place/env/bin/pip" install --quiet './python[plot]' pytest
+        # This build has no command, and says so.
+        code=0
+        "$place/env/bin/spherecal" --version || code=$?
+        [ "$code" = 2 ]
+        cd python
+        "$place/env/bin/python" -P -m pytest --quiet --import-mode=importlib -p no:cacheprovider tests/test_readme.py tests/test_robot.py
         ;;
     *) sed -n '2,/^set -eu/p' "$0" | sed -n 's/^# \{0,1\}//p' >&2; exit 2 ;;
 esac

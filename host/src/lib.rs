@@ -13,7 +13,9 @@
 //! |---|---|
 //! | [`job`] | the main job: configuration, prepare, measure, evaluate, write |
 //! | [`services`] | web page, live view, gRPC |
-//! | [`report`] | the page, its charts, exports |
+//! | [`export`] | runs as tables and bags |
+//! | [`results`] | the files of a calibration |
+//! | [`report`] | the page, its charts |
 //! | [`campaign`] | the external controller of the paper; telemetry |
 //! | [`store`] | the database of calibrations |
 //! | [`sim`] | the simulated cell; fault injection |
@@ -30,12 +32,14 @@ pub mod simulated;
 pub use spherecal_bag as bag;
 pub use spherecal_campaign as campaign;
 pub use spherecal_explain as explain;
+pub use spherecal_export as export;
 pub use spherecal_identify as identify;
 pub use spherecal_job as job;
 pub use spherecal_link as link;
 pub use spherecal_model as model;
 pub use spherecal_plan as plan;
 pub use spherecal_report as report;
+pub use spherecal_results as results;
 pub use spherecal_services as services;
 pub use spherecal_sim as sim;
 pub use spherecal_store as store;

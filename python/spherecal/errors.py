@@ -2,6 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+#: Said where a build has no command.
+MISSING = (
+    "this build of spherecal identifies, and has no command, no plans and no runs: install a wheel of the release, or one of "
+    "`scripts/python.sh wheel`"
+)
+
 
 class SpherecalError(Exception):
     """Base of all exceptions of this package.
@@ -48,6 +56,13 @@ class JobFailed(SpherecalError, RuntimeError):
 
 class InternalError(SpherecalError, RuntimeError):
     """A defect of spherecal."""
+
+
+def with_command(native: Any, name: str) -> Any:
+    """The function of this name of the extension module; builds from the sources leave some out."""
+    if not hasattr(native, name):
+        raise JobFailed(MISSING, remedy="install a wheel of the release")
+    return getattr(native, name)
 
 
 def refuse(field: str, value: object, remedy: str) -> InputError:

@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -123,8 +124,10 @@ class Verdict:
 class Residuals:
     """Residuals of the rows that the fit used."""
 
-    #: Row of the data, from 0.
+    #: Index into the arrays of the data, from 0.
     row: NDArray[np.int64]
+    #: What messages, remarks and the report call the row; they count from 1.
+    name: list[str]
     #: TCP minus target, in m: (N, 3).
     error: Floats
     #: Length of the whitened residual, in units of the estimated noise.
@@ -263,7 +266,8 @@ class Identification:
     def residuals(self) -> Residuals:
         """Residuals of the rows that the fit used."""
         rows = self._native.residuals()
-        return Residuals(rows[:, 0].astype(np.int64), rows[:, 1:4] / 1e3, rows[:, 4], rows[:, 5])
+        names = self._native.residual_names()
+        return Residuals(rows[:, 0].astype(np.int64), names, rows[:, 1:4] / 1e3, rows[:, 4], rows[:, 5])
 
     @property
     def robot(self) -> Robot:
@@ -327,9 +331,8 @@ class Identification:
 
         found = self.residuals
         columns = {f"{axis}_m": found.error[:, k] for k, axis in enumerate("xyz")}
-        return pandas().DataFrame(
-            {"row": found.row, **columns, "distance_m": found.distance, "deviation": found.deviation, "weight": found.weight}
-        )
+        last = {"distance_m": found.distance, "deviation": found.deviation, "weight": found.weight}
+        return pandas().DataFrame({"row": found.row, "name": found.name, **columns, **last})
 
     def plot(self) -> Any:
         """A matplotlib figure: the expected errors before and after with their intervals, and the residuals."""
@@ -359,7 +362,8 @@ class Identification:
 
     def write(self, folder: str | os.PathLike[str]) -> list[str]:
         """Writes the files of the command, with ``report.html``, into ``folder``; their paths."""
-        return self._native.write(os.fspath(folder))
+        created = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
+        return self._native.write(os.fspath(folder), created)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _native
-from .errors import JobFailed, SpherecalError, refuse
+from .errors import JobFailed, SpherecalError, refuse, with_command
 from .robot import Floats
 
 
@@ -103,7 +103,7 @@ def plan(
         except (OSError, UnicodeDecodeError) as error:
             raise refuse("config", text, f"{error}: give a TOML file, or TOML text") from None
     accuracy_mm = None if accuracy is None else accuracy * 1e3
-    made = _native.plan(text, robot=robot, poses=poses, accuracy_mm=accuracy_mm, seed=seed)
+    made = with_command(_native, "plan")(text, robot=robot, poses=poses, accuracy_mm=accuracy_mm, seed=seed)
     return Plan(json.loads(made))
 
 
@@ -134,7 +134,7 @@ def read_run(
     else:
         beside = None
     with tempfile.TemporaryDirectory(prefix="spherecal-") as scratch:
-        paths, number, torn, remark = _native.export(where, run, file, beside, Path(scratch))
+        paths, number, torn, remark = with_command(_native, "export")(where, run, file, beside, Path(scratch))
         # Since version 3, pandas reads every number to its own bits without being asked.
         exact = {"float_precision": "round_trip"} if int(frames.__version__.split(".")[0]) < 3 else {}
         tables = {Path(p).stem: frames.read_csv(p, **exact) for p in paths}

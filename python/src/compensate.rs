@@ -1,7 +1,7 @@
 //! Joint commands with which a nominal controller reaches its pose with the real arm.
 
-use spherecal::identify::study::Study;
-use spherecal::model::chain::{Chain, TcpPose};
+use spherecal_identify::study::Study;
+use spherecal_model::chain::{Chain, TcpPose};
 use spherecal_shared::robot::Tool;
 
 use crate::error::Failure;
@@ -37,8 +37,8 @@ impl<'a> StudyCompensator<'a> {
     ///
     /// # Errors
     /// A pose that the calibrated arm does not reach from `q` within the limits.
-    pub(crate) fn command(&self, row: usize, q: &[f64]) -> Result<Vec<f64>, Failure> {
-        let refuse = |why: &str| Failure::unreachable(format!("row {row} of q_nominal: {why}"));
+    pub(crate) fn command(&self, index: usize, q: &[f64]) -> Result<Vec<f64>, Failure> {
+        let refuse = |why: &str| Failure::unreachable(format!("row {} of q_nominal: {why}", index + 1));
         let wanted = self.nominal.pose(q);
         let mut target = TcpPose { elbow: None, ..wanted };
         let mut command = q.to_vec();

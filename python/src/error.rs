@@ -4,11 +4,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
-use spherecal::identify::study::StudyError;
-use spherecal::job::JobError;
-use spherecal::model::input::InputError;
-use spherecal::model::robots::RobotFileError;
-use spherecal::store::StoreError;
+use spherecal_identify::study::StudyError;
+use spherecal_model::input::InputError;
+use spherecal_model::robots::RobotFileError;
 
 /// An exception of `spherecal.errors`, by its class.
 #[derive(Debug)]
@@ -21,7 +19,7 @@ pub(crate) struct Failure {
 }
 
 impl Failure {
-    fn new(class: &'static str, message: impl ToString) -> Self {
+    pub(crate) fn new(class: &'static str, message: impl ToString) -> Self {
         Self {
             class,
             message: message.to_string(),
@@ -154,18 +152,6 @@ impl From<StudyError> for Failure {
             error if error.is_input() => Self::new("InputError", error),
             error => Self::new("JobFailed", error),
         }
-    }
-}
-
-impl From<JobError> for Failure {
-    fn from(error: JobError) -> Self {
-        Self::new(if error.is_input() { "InputError" } else { "JobFailed" }, error)
-    }
-}
-
-impl From<StoreError> for Failure {
-    fn from(error: StoreError) -> Self {
-        Self::new(if error.is_input() { "InputError" } else { "JobFailed" }, error)
     }
 }
 

@@ -6,14 +6,12 @@ use std::sync::OnceLock;
 
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
-use spherecal::identify::study::{PAPER_PLATE, Sources, Study, StudyRequest, TableSource, study_of};
-use spherecal::identify::{Method, Model, Options, paper_plate};
-use spherecal::job::study::{calibrated, study_certificate, summary_json, summary_text, write_files};
-use spherecal::job::{CalibratedTexts, CertificateSection};
-use spherecal::model::input::{InputError, Plate, read_plate, read_plate_file};
-use spherecal::model::read_toml;
-use spherecal::report::{Certificate, render, study_report};
-use spherecal::store::time::now_utc;
+use spherecal_identify::study::{PAPER_PLATE, Sources, Study, StudyRequest, TableSource, study_of};
+use spherecal_identify::{Method, Model, Options, paper_plate};
+use spherecal_model::input::{InputError, Plate, read_plate, read_plate_file};
+use spherecal_model::read_toml;
+use spherecal_report::{Certificate, render, study_report};
+use spherecal_results::{CalibratedTexts, calibrated, study_certificate, summary_json, summary_text, write_files};
 
 use crate::arrays::{Rows, matrix, of_matrix};
 use crate::compensate::StudyCompensator;
@@ -31,8 +29,7 @@ pub(crate) struct NativeIdentification {
 
 impl NativeIdentification {
     fn certificate(&self) -> &Certificate {
-        self.certificate
-            .get_or_init(|| study_certificate(&self.study, &CertificateSection::default()))
+        self.certificate.get_or_init(|| study_certificate(&self.study, &|_| {}))
     }
 }
 
@@ -278,6 +275,17 @@ impl NativeIdentification {
         matrix(py, 6, values)
     }
 
+    /// Name of each of these rows, as messages and files have it.
+    fn residual_names(&self) -> Vec<String> {
+        let evaluation = &self.study.evaluation;
+        let rows = evaluation.calibration.residual.rows.iter();
+        rows.map(|row| {
+            let index = evaluation.used.get(row.index).copied().unwrap_or(row.index);
+            self.study.recordings.describe(index)
+        })
+        .collect()
+    }
+
     /// TCP of the full model in the root frame of the robot's file, in m.
     fn predict<'py>(&self, py: Python<'py>, q: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let rows = Rows::joints(&q, self.study.model.robot.dof())?;
@@ -336,12 +344,13 @@ impl NativeIdentification {
         &self.texts.offsets_yaml
     }
 
-    /// Writes the files that the command writes; their paths.
-    fn write(&self, py: Python<'_>, folder: String) -> PyResult<Vec<String>> {
+    /// Writes the files that the command writes; their paths. `created` is the time for the report, in words.
+    fn write(&self, py: Python<'_>, folder: String, created: String) -> PyResult<Vec<String>> {
         guarded(py, || {
             let certificate = self.certificate();
-            let page = render(&study_report(&self.study, &now_utc())).map_err(spherecal::job::JobError::from)?;
-            let files = write_files(&self.study, Path::new(&folder), certificate, Some(&page))?;
+            let page = render(&study_report(&self.study, &created)).map_err(Failure::failed)?;
+            let files =
+                write_files(&self.study, Path::new(&folder), certificate, Some(&page)).map_err(Failure::failed)?;
             Ok(files.paths.iter().map(|p| p.display().to_string()).collect())
         })
     }

@@ -5,12 +5,24 @@ use std::io::Write as _;
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
+use spherecal::export::{ExportError, Format};
 use spherecal::job::{Config, JobError, open_store, run_telemetry};
-use spherecal::report::export::{ExportError, Format};
 use spherecal::simulated::prepare;
-use spherecal::store::{StoreLocation, UnknownScheme};
+use spherecal::store::{StoreError, StoreLocation, UnknownScheme};
 
 use crate::error::{Failure, guarded};
+
+impl From<JobError> for Failure {
+    fn from(error: JobError) -> Self {
+        Self::new(if error.is_input() { "InputError" } else { "JobFailed" }, error)
+    }
+}
+
+impl From<StoreError> for Failure {
+    fn from(error: StoreError) -> Self {
+        Self::new(if error.is_input() { "InputError" } else { "JobFailed" }, error)
+    }
+}
 
 impl From<ExportError> for Failure {
     fn from(error: ExportError) -> Self {
@@ -95,7 +107,7 @@ pub(crate) fn export(
             }
             (None, None) => (Vec::new(), None),
         };
-        let exported = spherecal::report::export::export(store.as_mut(), &info, &files, Format::Csv, &folder)?;
+        let exported = spherecal::export::export(store.as_mut(), &info, &files, Format::Csv, &folder)?;
         let torn = exported.torn_telemetry.into_iter().map(|torn| torn.file).collect();
         Ok((exported.files, run, torn, remark))
     })

@@ -7,6 +7,8 @@
 //! numpy ─ spherecal/*.py ─ _native (robot · identification · job) ─▶ host crates
 //! ```
 //!
+//! Without the feature `command` there is no `job`: plans, runs and the command need the whole host.
+//!
 //! Long work releases Python's interpreter lock. A panic becomes the exception
 //! `spherecal.InternalError` ([`error::guarded`]).
 
@@ -14,6 +16,7 @@ mod arrays;
 mod compensate;
 mod error;
 mod identification;
+#[cfg(feature = "command")]
 mod job;
 mod robot;
 
@@ -27,8 +30,11 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<robot::NativeRobot>()?;
     module.add_class::<identification::NativeIdentification>()?;
     module.add_function(wrap_pyfunction!(identification::identify, module)?)?;
-    module.add_function(wrap_pyfunction!(job::plan, module)?)?;
-    module.add_function(wrap_pyfunction!(job::export, module)?)?;
-    module.add_function(wrap_pyfunction!(job::main, module)?)?;
+    #[cfg(feature = "command")]
+    {
+        module.add_function(wrap_pyfunction!(job::plan, module)?)?;
+        module.add_function(wrap_pyfunction!(job::export, module)?)?;
+        module.add_function(wrap_pyfunction!(job::main, module)?)?;
+    }
     Ok(())
 }

@@ -3,9 +3,9 @@
 use nalgebra::Rotation3;
 use numpy::{PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
-use spherecal::model::chain::{Chain, TcpPose, wrapped};
-use spherecal::model::robots::frames::{compose, inverse};
-use spherecal::model::robots::{self, RobotModel, table_frames, toml_file, write_urdf};
+use spherecal_model::chain::{Chain, TcpPose, wrapped};
+use spherecal_model::robots::frames::{compose, inverse};
+use spherecal_model::robots::{self, RobotModel, table_frames, toml_file, write_urdf};
 use spherecal_shared::robot::Pose;
 
 use crate::arrays::{Rows, homogeneous, matrices, matrix, pose};

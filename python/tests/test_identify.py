@@ -154,6 +154,11 @@ def test_a_result_is_copied_and_compared():
 def test_a_result_as_table_file_and_figure(contacts, tmp_path):
     frame = contacts.to_frame()
     np.testing.assert_array_equal(frame["distance_m"], contacts.residuals.distance)
+    # One recording has one name: that of the remarks, which count rows from 1.
+    listed = contacts.summary["residual"]["outlier_rows"]
+    doubted = frame["name"][frame["deviation"] > 5]
+    assert [entry["row"] for entry in listed] == list(doubted)
+    assert frame["name"].iloc[0].startswith(f"row {frame['row'].iloc[0] + 1} (sphere ")
     contacts.save_urdf(tmp_path / "arm.urdf")
     assert (tmp_path / "arm.urdf").read_text() == contacts.to_urdf()
     before, _ = contacts.plot().axes
@@ -167,7 +172,7 @@ def test_a_compensation_beyond_a_limit_is_refused():
     nominal, _, q, points = simulated(80)
     found = spherecal.identify(q, points=points, robot=nominal)
     stretched = np.array([0.3, -0.6, 0.0, 0.2, 0.0, 0.1])
-    with pytest.raises(spherecal.Unreachable, match="row 0 of q_nominal"):
+    with pytest.raises(spherecal.Unreachable, match="row 1 of q_nominal"):
         found.compensate(np.vstack([stretched]))
 
 

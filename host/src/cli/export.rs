@@ -6,8 +6,8 @@ use clap::{Args, ValueEnum};
 
 use super::exit::{CliError, Exit};
 use super::out::{errln, outln};
+use spherecal_export::{ExportError, Format, export, export_ros2};
 use spherecal_job::{open_store, run_telemetry};
-use spherecal_report::export::{ExportError, Format, export, export_ros2};
 use spherecal_store::StoreLocation;
 
 /// Arguments of `export`.

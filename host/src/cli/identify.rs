@@ -18,10 +18,10 @@ use spherecal_identify::study::{
     Sources, StudyError, StudyRequest, StudyStep, TableSource, anonymous_csv, sources, study_of,
 };
 use spherecal_identify::{Method, Model, Options};
-use spherecal_job::CertificateSection;
-use spherecal_job::study::{root_of_files, study_certificate, summary_json, summary_text, write_files};
+use spherecal_job::{CertificateSection, study_certificate};
 use spherecal_model::input::{InputError, triple};
 use spherecal_report::{render, study_report};
+use spherecal_results::{root_of_files, summary_json, summary_text, write_files};
 use spherecal_store::time::now_utc;
 
 /// Identify a robot from a table of poses, or identify the last run of --out again.

@@ -104,7 +104,7 @@ impl ProgressView {
         let wall = self.begun.elapsed().as_secs_f64();
         let factor = if wall > 0.1 { p.device_s / wall } else { 0.0 };
         let sphere = if p.sphere > 0 {
-            format!("sphere {} of {}, ", p.sphere, p.spheres)
+            format!("sphere {}, ", p.sphere)
         } else {
             String::new()
         };

@@ -10,10 +10,11 @@ use super::features;
 use super::out::{out, outln};
 use super::progress::ProgressView;
 use spherecal_job::stability::{Held, Stillness, analyse, hold, holds_report};
-use spherecal_job::{Files, JobError, PreparedRun};
+use spherecal_job::{JobError, PreparedRun};
 use spherecal_model::chain::Chain;
 use spherecal_model::robots;
 use spherecal_report as report;
+use spherecal_results::Files;
 use spherecal_store::time::now_utc;
 
 /// Arguments of `stability`.

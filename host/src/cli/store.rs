@@ -98,7 +98,7 @@ pub(super) fn run(args: &StoreArgs) -> Result<Exit, CliError> {
                     outln!("  {table:18} {:8} rows saved {:8} lost", saved.read, saved.lost);
                 }
                 for (run, sphere, pose) in &recovered.recordings_left_out {
-                    outln!("  left out because its digest differs: run {run}, sphere {sphere}, pose {pose}");
+                    outln!("  left out because its digest differs: run {run}, pose {pose} (sphere {sphere})");
                 }
                 for run in &recovered.settings_restored {
                     outln!("  settings of run {run}: restored from their second copy");

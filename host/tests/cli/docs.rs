@@ -12,7 +12,7 @@ pub(crate) fn root() -> PathBuf {
 }
 
 /// Pages for users and for developers, at the root and in the book.
-fn pages() -> Vec<PathBuf> {
+pub(crate) fn pages() -> Vec<PathBuf> {
     let at_root = ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md"];
     let mut pages: Vec<_> = at_root.iter().map(|name| root().join(name)).collect();
     let mut folders = vec![root().join("docs")];
@@ -130,6 +130,20 @@ fn every_link_leads_somewhere() {
             "{name} is not in SUMMARY.md"
         );
     }
+}
+
+// Fails if the README grows beyond a page: 130 lines, or 40 numbers in text, tables and code.
+#[test]
+fn the_readme_is_a_page() {
+    let page = std::fs::read_to_string(root().join("README.md")).expect("the page");
+    assert!(page.lines().count() <= 130, "{} lines", page.lines().count());
+    // A number is a run of digits, points and commas that is no part of a word.
+    let numbers = page
+        .split(|c: char| !(c.is_alphanumeric() || "_.,".contains(c)))
+        .map(|word| word.trim_matches(['.', ',']))
+        .filter(|word| word.starts_with(|c: char| c.is_ascii_digit()) && !word.contains(char::is_alphabetic))
+        .count();
+    assert!(numbers <= 40, "{numbers} numbers");
 }
 
 // Fails if a page shows a command, an option or a value that the program refuses.

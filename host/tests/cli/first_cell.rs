@@ -266,8 +266,7 @@ fn nothing_is_overwritten() {
 }
 
 // Fails if a built-in robot does not get from `init` to a report of a result that may be used, for a seed. The
-// `ROBOT_SEEDS` (their number, 2 where it is not set) begin at 1. A UR20
-// whose errors are as measured swings in its free motions: see docs/robots/ur.md.
+// `ROBOT_SEEDS` (their number, 2 where it is not set) begin at 1.
 #[test]
 #[ignore = "long: scripts/test --long runs it"]
 fn long_every_built_in_robot_from_init_to_the_report() {
@@ -280,7 +279,6 @@ fn long_every_built_in_robot_from_init_to_the_report() {
         for seed in 1..=seeds {
             let folder = tempfile::tempdir().expect("a folder");
             let folder = folder.path();
-            let preset: &[&str] = if robot == "ur20" { &["--preset", "typical"] } else { &[] };
             let seed = seed.to_string();
             let made = init(folder, &[&["--robot", robot], &STATED[2..], &["--yes"]].concat());
             let run = [
@@ -294,7 +292,7 @@ fn long_every_built_in_robot_from_init_to_the_report() {
                 "--out",
                 "o",
             ];
-            let measured = spherecal(folder, &[&run, preset].concat());
+            let measured = spherecal(folder, &run);
             let reported = spherecal(folder, &["report", "--out", "o"]);
             for (name, output) in [("init", made), ("run", measured), ("report", reported)] {
                 if output.status.code() != Some(0) {

@@ -35,6 +35,8 @@ mod main_job;
 mod mistakes;
 mod official_clients;
 mod page;
+#[cfg(unix)]
+mod pages;
 mod paths;
 mod processes;
 mod real_data;
@@ -48,7 +50,5 @@ mod services;
 mod sources;
 mod support;
 mod targets;
-#[cfg(unix)]
-mod tutorials;
 mod universal_robots;
 mod wire_kills;

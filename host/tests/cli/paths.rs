@@ -1,5 +1,4 @@
-//! New users' ways, as the documentation tells them: its pages' own commands,
-//! run one after the other in an empty folder.
+//! Owners of an arm on the page of their own robot: its commands, with the tables that they bring.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -13,7 +12,7 @@ use crate::support::{PROGRAM, text};
 
 /// The commands of a page's console blocks, in order, without the program's name.
 fn commands(page: &str) -> Vec<Vec<String>> {
-    blocks(&root().join(page), "console")
+    blocks(&root().join(page), "console,yours")
         .iter()
         .flat_map(|(_, block)| block.lines().map(str::to_owned).collect::<Vec<_>>())
         .filter_map(|line| {
@@ -30,55 +29,6 @@ fn spherecal(folder: &Path, arguments: &[String]) -> Output {
         .current_dir(folder)
         .output()
         .expect("the program starts")
-}
-
-/// Files that a page's table names in its first column.
-fn promised(page: &str) -> Vec<String> {
-    let page = std::fs::read_to_string(root().join(page)).expect("a page");
-    page.lines()
-        .filter_map(|line| line.strip_prefix("| `")?.split('|').next())
-        .flat_map(|cell| cell.split('`').map(str::to_owned).collect::<Vec<_>>())
-        .filter(|word| word.contains('.') && !word.contains(' '))
-        .collect()
-}
-
-// Fails if a command of the quick start does not do its work in an empty
-// folder, or does not leave the files that the page promises; if the report
-// does not say in words whether the robot is better; or if the calibrated robot
-// cannot be loaded.
-#[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_the_quick_start_leads_from_nothing_to_a_report() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let folder = folder.path();
-    let commands = commands("docs/quick-start.md");
-    assert!(commands.len() >= 6, "{commands:?}");
-    assert!(commands.contains(&Vec::new()), "the main job is shown");
-    for arguments in &commands {
-        let output = spherecal(folder, arguments);
-        // The doctor may find something missing: that is his work.
-        let doctor = arguments.first().is_some_and(|word| word == "doctor");
-        assert!(
-            output.status.success() || (doctor && output.status.code() == Some(1)),
-            "{arguments:?}: {:?}: {}",
-            output.status,
-            text(&output.stderr)
-        );
-        assert!(!output.stdout.is_empty(), "{arguments:?} says nothing");
-    }
-    let files = promised("docs/quick-start.md");
-    assert!(files.len() >= 7, "{files:?}");
-    for file in files {
-        let path = folder.join("spherecal-out").join(&file);
-        assert!(path.metadata().is_ok_and(|m| m.len() > 100), "{file} is not there");
-    }
-    let report = std::fs::read_to_string(folder.join("spherecal-out/report.html")).expect("a report");
-    assert!(report.contains("May be used"), "the default run is good");
-    let urdf = folder.join("spherecal-out/calibrated.urdf");
-    assert_eq!(
-        robots::load(&urdf.display().to_string()).expect("a robot").robot.dof(),
-        7
-    );
 }
 
 /// Mean distance (mm) of two models' TCPs at drawn configurations, both in the robot's base.

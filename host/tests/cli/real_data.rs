@@ -6,7 +6,7 @@ use crate::docs::root;
 use crate::support::{spherecal, text};
 
 /// Two sockets 50 mm apart, as the page says.
-const SOCKETS: &str = "[[sphere]]\nid = 1\nx_mm = 0\ny_mm = 0\nz_mm = 0\nsigma_mm = 0.005\n\
+pub(crate) const SOCKETS: &str = "[[sphere]]\nid = 1\nx_mm = 0\ny_mm = 0\nz_mm = 0\nsigma_mm = 0.005\n\
                        [[sphere]]\nid = 2\nx_mm = 50\ny_mm = 0\nz_mm = 0\nsigma_mm = 0.005\n";
 
 // Fails if the page states other figures than the program finds, if the table for sharing is not written, or if it

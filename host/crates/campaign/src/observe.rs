@@ -44,8 +44,6 @@ pub struct Progress {
     pub phase: Phase,
     /// Id of the current sphere; 0 for none.
     pub sphere: u32,
-    /// Spheres in the plan, each counted once.
-    pub spheres: usize,
     /// Poses recorded or given up, earlier sessions included.
     pub done: usize,
     /// Of those, done in earlier sessions.

@@ -357,7 +357,7 @@ impl<'a> Campaign<'a> {
                 }
                 Err(refusal) => {
                     return Err(CampaignError::Refused {
-                        what: format!("take pose {} of sphere {}", pose.id, visit.sphere_id),
+                        what: format!("take pose {} (sphere {})", pose.id, visit.sphere_id),
                         refusal,
                     });
                 }

@@ -42,7 +42,7 @@ impl Campaign<'_> {
         reason: &str,
     ) -> Result<(), CampaignError> {
         session.journal().reject(sphere, pose, reason)?;
-        session.note(&format!("sphere {sphere}, pose {pose}: given up ({reason})"));
+        session.note(&format!("pose {pose} (sphere {sphere}): given up ({reason})"));
         self.done.insert((sphere, pose));
         self.rejected.push(Rejected {
             sphere,

@@ -10,7 +10,7 @@
 mod handshake;
 mod order;
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use spherecal_shared::protocol::frame::LinkCounters;
@@ -159,9 +159,6 @@ impl<'a> Session<'a> {
     pub(super) fn stage(&mut self, stage: CampaignStage, sphere: u32, plan: &Plan) {
         self.progress.stage = stage;
         self.progress.sphere = sphere;
-        // A sphere may be visited several times, and in several placements of the plate.
-        let ids: BTreeSet<u32> = plan.spheres.iter().map(|visit| visit.sphere_id).collect();
-        self.progress.spheres = ids.len();
         self.progress.poses = plan.recorded();
         self.report_progress();
     }

@@ -100,7 +100,7 @@ pub use holdout::{Holdout, LeftOutPart, Split, holdout, possible_splits};
 pub use identifiability::{Identifiability, Observability};
 pub use options::{Method, Model, Noise, Options, Pairs, Torque, UnknownName};
 pub use parameters::{Kind, Override, Overrides, Unit};
-pub use recordings::{CampaignRecord, Recordings, RowSource, TrackerRecordings, ValidationRows};
+pub use recordings::{CampaignRecord, Recordings, RowNames, RowSource, TrackerRecordings, ValidationRows};
 pub use residuals::{GroupFit, Outlier, Residual, ResidualRow};
 pub use rows::DesignModel;
 pub use spherecal_model::{DataError, Experiment, Observation, Pose, Set, Sphere, Target, fit_pose, paper_plate};

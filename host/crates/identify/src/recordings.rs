@@ -7,11 +7,23 @@ use spherecal_model::{Experiment, Observation, Pose, Set, Target};
 use crate::arcs::{LaserError, Measured, MeasuredArc, MeasuredFrames, frames_from_arcs};
 use crate::course::Course;
 
+/// By what people find a row again: the one name that it has in all messages, tables and files.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum RowNames {
+    /// Its number, from 1, as the checks of the data count: rows in the memory of a caller.
+    #[default]
+    Number,
+    /// Its line in the file.
+    Line,
+    /// The pose of the plan at which a run recorded it.
+    Pose,
+}
+
 /// Where one row of the data came from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RowSource {
-    /// Line of the file, from 1.
-    pub line: u64,
+    /// Number of the row or line, from 1, or of the pose in the plan, as [`Recordings::named_by`] says.
+    pub number: u64,
     /// Placement of the plate: also for points given in the plate's frame.
     pub place: u32,
     /// Value of the hold-out column: its number in [`Recordings::labels`].
@@ -111,6 +123,8 @@ pub struct Recordings {
     pub experiment: Experiment,
     /// The file of the rows, for messages; empty where there was none.
     pub file: String,
+    /// By what messages name the rows.
+    pub named_by: RowNames,
     /// Where each observation came from, in the same order.
     pub samples: Vec<RowSource>,
     /// Further rows that only judge the result.
@@ -139,8 +153,8 @@ impl Recordings {
         };
         let samples: Vec<RowSource> = (1..)
             .zip(&experiment.observations)
-            .map(|(line, o)| RowSource {
-                line,
+            .map(|(number, o)| RowSource {
+                number,
                 place: place(o),
                 label: 0,
             })
@@ -161,6 +175,7 @@ impl Recordings {
         Self {
             experiment,
             file: String::new(),
+            named_by: RowNames::default(),
             samples,
             validation: ValidationRows::default(),
             places,
@@ -178,15 +193,15 @@ impl Recordings {
         self.experiment.observations.iter().any(contact)
     }
 
-    /// Name of row `i` for people: its line, and place and sphere where it has them.
+    /// Name of row `i` for people: its line, pose or number, and place and sphere where it has them.
     pub fn describe(&self, i: usize) -> String {
         let (Some(observation), Some(sample)) = (self.experiment.observations.get(i), self.samples.get(i)) else {
             return String::new();
         };
-        let row = if self.file.is_empty() {
-            format!("row {}", sample.line)
-        } else {
-            format!("{} line {}", self.file, sample.line)
+        let row = match self.named_by {
+            RowNames::Number => format!("row {}", i + 1),
+            RowNames::Line => format!("{} line {}", self.file, sample.number),
+            RowNames::Pose => format!("pose {}", sample.number),
         };
         let Target::Sphere { sphere, place } = observation.target else {
             return row;
@@ -239,5 +254,38 @@ impl Recordings {
         } else {
             Box::new(self.set_aside())
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spherecal_model::robots;
+
+    // Fails if a recording of a run, of a file and of a caller's arrays is not called by the pose, the line and
+    // the number that its user can look up, with its sphere.
+    #[test]
+    fn a_row_has_the_name_by_which_its_user_finds_it() {
+        let model = robots::load("iiwa7").expect("built in");
+        let contact = |sphere| Observation {
+            seat: None,
+            q: vec![0.0; 7],
+            tau: None,
+            target: Target::Sphere { sphere, place: 0 },
+            set: Set::Calibrate,
+        };
+        let mut recordings = Recordings::new(Experiment {
+            robot: model.robot,
+            tool: model.tool,
+            spheres: Vec::new(),
+            observations: vec![contact(2), contact(3)],
+        });
+        assert_eq!(recordings.describe(1), "row 2 (sphere 3)");
+        recordings.samples[1].number = 86;
+        recordings.named_by = RowNames::Pose;
+        assert_eq!(recordings.describe(1), "pose 86 (sphere 3)");
+        recordings.file = "poses.csv".to_owned();
+        recordings.named_by = RowNames::Line;
+        assert_eq!(recordings.describe(1), "poses.csv line 86 (sphere 3)");
     }
 }

@@ -8,10 +8,17 @@ use spherecal_model::ChainError;
 use spherecal_model::robots::RobotFileError;
 use spherecal_plan::PlanError;
 use spherecal_report::ChartError;
+use spherecal_results::WriteError;
 use spherecal_services::ServiceError;
 use spherecal_store::StoreError;
 
 use super::ConfigError;
+
+impl From<WriteError> for JobError {
+    fn from(WriteError { path, source }: WriteError) -> Self {
+        Self::Write { path, source }
+    }
+}
 
 /// What can end the main job.
 #[derive(Debug, thiserror::Error)]

@@ -11,8 +11,8 @@ use spherecal_identify::arcs::{Measured, MeasuredArc};
 use spherecal_identify::causes::Course;
 use spherecal_identify::evaluate::EvaluationStep;
 use spherecal_identify::{
-    CampaignRecord, Estimator, EvaluateOptions, Evaluation, Experiment, Observation, Options, Recordings, Set, Sphere,
-    Target, TrackerRecordings,
+    CampaignRecord, Estimator, EvaluateOptions, Evaluation, Experiment, Observation, Options, Recordings, RowNames,
+    Set, Sphere, Target, TrackerRecordings,
 };
 use spherecal_model::LaserShot;
 use spherecal_model::chain::Chain;
@@ -90,6 +90,10 @@ impl Measurements {
 
     /// Everything that the evaluation looks at, as plain data.
     pub fn to_recordings(&self) -> Recordings {
+        let mut recordings = Recordings::new(self.experiment());
+        for (sample, recording) in recordings.samples.iter_mut().zip(&self.recordings) {
+            sample.number = recording.pose.into();
+        }
         let worst = self.couplings.iter().max_by(|a, b| a.test_m.total_cmp(&b.test_m));
         Recordings {
             tracker: (!self.laser.is_empty()).then(|| TrackerRecordings {
@@ -109,7 +113,8 @@ impl Measurements {
                 simulated: self.simulated(),
             }),
             course: Some(course(&self.recordings, &self.couplings)),
-            ..Recordings::new(self.experiment())
+            named_by: RowNames::Pose,
+            ..recordings
         }
     }
 

@@ -25,19 +25,18 @@ mod magnet;
 mod measure;
 pub mod native;
 pub mod new_cell;
-mod other_robot;
 mod prepare;
 mod prepared;
 mod run_report;
 pub mod stability;
 mod stored;
-pub mod study;
 mod summary;
 mod teach;
 mod telemetry;
 mod waypoints;
 mod write;
 
+pub use certificate::study_certificate;
 pub use commission::{Commissioning, commission, commissionings};
 pub use config::{
     CampaignSection, CellSection, CertificateSection, Choice, Config, ConfigError, DEFAULT_PRESET, DriveSection,
@@ -61,4 +60,4 @@ pub use summary::{LinkSummary, ModelSummary, PoseCounts, Summary, summarise};
 pub use teach::teach;
 pub use telemetry::{RunTelemetry, run_telemetry};
 pub use waypoints::{TaughtWaypoint, TaughtWaypoints};
-pub use write::{CalibratedTexts, Files, write};
+pub use write::write;

@@ -4,12 +4,13 @@ use crate::{Evaluation, Measurements, Summary};
 use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_identify::validate::{Alignment, ValidationTable};
 use spherecal_model::LaserShot;
-use spherecal_report::calibration::{correlation, group_table, identifiability_words, parameter_rows};
+use spherecal_report::calibration::{
+    correlation, group_table, identifiability_words, outliers, parameter_rows, residual_points,
+};
 use spherecal_report::headline::{Error, compared, files, regions};
 use spherecal_report::judged;
 use spherecal_report::{
-    ErrorSeries, ErrorTable, Headline, HistogramChart, ModelRow, PredictedAccuracy, ReportInput, ResidualPoint,
-    WorkspacePoint,
+    ErrorSeries, ErrorTable, Headline, HistogramChart, ModelRow, PredictedAccuracy, ReportInput, WorkspacePoint,
 };
 
 mod tables;
@@ -27,6 +28,7 @@ pub fn run_report(
 ) -> ReportInput {
     // Without a tracker, contacts that the fit has not seen judge.
     let judged = e.judged.as_ref();
+    let recordings = m.to_recordings();
     ReportInput {
         title: format!(
             "{}{}: calibration report",
@@ -64,23 +66,14 @@ pub fn run_report(
         stillness_tables: Vec::new(),
         parameters: parameter_rows(&e.calibration),
         identifiability: identifiability_words(&e.calibration),
-        residuals: residuals(m, e),
-        outliers: e
-            .calibration
-            .residual
-            .outliers
-            .iter()
-            .filter_map(|o| {
-                let r = m.recordings.get(o.index)?;
-                Some((format!("sphere {}, pose {}", r.sphere, r.pose), o.why.clone()))
-            })
-            .collect(),
+        residuals: residual_points(e, &recordings),
+        outliers: outliers(e, &recordings),
         correlation: correlation(&e.calibration),
         regions: regions(e),
         prediction: e
             .table()
             .map(|t| prediction(m, e, t))
-            .or_else(|| judged::prediction(e, &m.to_recordings())),
+            .or_else(|| judged::prediction(e, &recordings)),
         fit_tables: vec![
             group_table(&e.calibration.groups, |p| {
                 if p == 0 { String::new() } else { format!("place {p}") }
@@ -225,21 +218,6 @@ fn prediction(m: &Measurements, e: &Evaluation, table: &ValidationTable) -> Pred
         frame: "The base was fitted to the points: errors of the arm's shape alone.".to_owned(),
         axis: "base fitted to the points".to_owned(),
     }
-}
-
-fn residuals(m: &Measurements, e: &Evaluation) -> Vec<ResidualPoint> {
-    let residual = &e.calibration.residual;
-    residual
-        .rows
-        .iter()
-        .filter_map(|row| {
-            Some(ResidualPoint {
-                group: format!("sphere {}", m.recordings.get(row.index)?.sphere),
-                distance_mm: row.error_mm.iter().map(|x| x * x).sum::<f64>().sqrt(),
-                outlier: residual.outliers.iter().any(|o| o.index == row.index),
-            })
-        })
-        .collect()
 }
 
 /// Latency and overshoot of the trigger; empty for a run without contact.

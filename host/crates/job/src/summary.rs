@@ -9,12 +9,13 @@ use sha2::{Digest, Sha256};
 use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::protocol::host::{FaultReport, Recording};
 
-use super::certificate::{hexadecimal, run_certificate};
+use super::certificate::run_certificate;
 use super::{DriveTiming, Evaluation, JobError, LinkRecord, Measurements};
 use spherecal_identify::validate::{Alignment, ErrorStatistics};
 use spherecal_identify::{ParameterEstimate, Verdict};
 use spherecal_link::Injected;
 use spherecal_report::Certificate;
+use spherecal_results::{files_json, hexadecimal};
 
 /// Poses, counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -281,22 +282,4 @@ fn hash(recordings: &[Recording]) -> Result<String, JobError> {
         hash.update(&bytes);
     }
     Ok(hexadecimal(&hash.finalize()))
-}
-
-/// The files of a result with the error that each has over the work region, for `summary.json`.
-pub(crate) fn files_json(evaluation: &Evaluation) -> serde_json::Value {
-    let verdict = &evaluation.verdict;
-    let mut files = vec![serde_json::json!({
-        "name": "calibrated.toml with its compensator",
-        "expected_error_mm": verdict.expected_error_mm.map(|e| e.work),
-        "region": "work",
-    })];
-    if evaluation.geometry.helps() {
-        files.push(serde_json::json!({
-            "name": "calibrated.urdf",
-            "expected_error_mm": verdict.file_error_mm.map(|e| e.work),
-            "region": "work",
-        }));
-    }
-    files.into()
 }

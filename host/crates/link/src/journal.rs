@@ -12,7 +12,7 @@ pub enum JournalError {
     Store(#[source] Box<dyn std::error::Error + Send + Sync>),
     /// The run was repeated from its start, and a recording differs from the stored one.
     #[error(
-        "sphere {sphere}, pose {pose}: repeating the run from its start gave another recording than the one that is \
+        "pose {pose} (sphere {sphere}): repeating the run from its start gave another recording than the one that is \
          stored: it was begun by another version of this program, or its configuration has changed; begin a new run \
          without --resume. The stored recordings are as they were"
     )]

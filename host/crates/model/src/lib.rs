@@ -34,7 +34,7 @@ pub use file::{FileError, open_regular, read_text};
 pub use fit::fit_pose;
 pub use new_file::{NewFile, write_file};
 pub use printable::{excerpt, name_of, printable, printable_lines};
-pub use shot::{LaserShot, TrackerSession};
+pub use shot::{ContactTrace, LaserShot, TrackerSession};
 pub use spherecal_shared::robot::Pose;
 pub use toml_words::{TomlError, read_toml};
 pub use workspace::{WorkBox, workspace};

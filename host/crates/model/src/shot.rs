@@ -1,4 +1,6 @@
-//! A laser tracker's measurement, and what it is for, as plain data.
+//! A laser tracker's measurement and a contact's force, as plain data.
+
+use serde::{Deserialize, Serialize};
 
 /// A laser tracker shot.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,4 +35,15 @@ pub enum TrackerSession {
     /// Calibration and validation measurements.
     #[default]
     Measurement,
+}
+
+/// The force against the approach around one contact.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ContactTrace {
+    /// Id of the sphere.
+    pub sphere: u32,
+    /// Device time of the trigger, in s.
+    pub trigger_s: f64,
+    /// Device time, in s, and force against the approach, in N, to a thousandth: the store keeps all digits as text.
+    pub samples: Vec<(f64, f64)>,
 }

@@ -1,9 +1,15 @@
 //! The parts of every report about a calibration: its parameters, what the data determine, and the
-//! fit by group.
+//! fit by group and by row.
 
-use spherecal_identify::{Calibration, GroupFit, Reference, Unit};
+use std::collections::HashSet;
 
-use super::input::{Correlation, ParameterRow, SimpleTable};
+use spherecal_identify::{Calibration, Evaluation, GroupFit, Recordings, Reference, ResidualRow, Target, Unit};
+
+use super::input::{Correlation, ParameterRow, ResidualPoint, SimpleTable};
+use super::judged::thinned;
+
+/// Most outliers of a kind in the table.
+const LISTED: usize = 200;
 
 /// Parameters of a correlation map at most.
 const MAP: usize = 45;
@@ -100,4 +106,46 @@ fn group_name(g: &GroupFit, place: impl Fn(u32) -> String) -> String {
             name => format!("{sphere}, {name}"),
         },
     }
+}
+
+/// The residuals of the rows that the fit used, for the figure by row.
+pub fn residual_points(evaluation: &Evaluation, recordings: &Recordings) -> Vec<ResidualPoint> {
+    let residual = &evaluation.calibration.residual;
+    let named: HashSet<usize> = residual.outliers.iter().map(|o| o.index).collect();
+    let point = |r: &ResidualRow| {
+        let observation = recordings.experiment.observations.get(*evaluation.used.get(r.index)?)?;
+        let group = match observation.target {
+            Target::Sphere { sphere, place } => match recordings.places.name(place) {
+                "" => format!("sphere {sphere}"),
+                place => format!("sphere {sphere}, {place}"),
+            },
+            _ => "tracker".to_owned(),
+        };
+        Some(ResidualPoint {
+            group,
+            distance_mm: r.error_mm.iter().map(|e| e * e).sum::<f64>().sqrt(),
+            outlier: named.contains(&r.index),
+        })
+    };
+    thinned(&residual.rows).into_iter().filter_map(point).collect()
+}
+
+/// The outliers by the names that remarks have for them: those that were left out, then those that hardly count.
+pub fn outliers(evaluation: &Evaluation, recordings: &Recordings) -> Vec<(String, String)> {
+    let left_out = evaluation.rejected.iter().map(|(i, mm)| {
+        let why = format!("left out: {mm:.1} mm from where any calibration could bring it");
+        (recordings.describe(*i), why)
+    });
+    let found = &evaluation.calibration.residual.outliers;
+    let doubted = found.iter().filter_map(|o| {
+        let row = recordings.describe(*evaluation.used.get(o.index)?);
+        Some((row, o.why.clone()))
+    });
+    let mut listed: Vec<(String, String)> = left_out.take(LISTED).chain(doubted.take(LISTED)).collect();
+    for count in [evaluation.rejected.len(), found.len()] {
+        if let Some(more) = count.checked_sub(LISTED).filter(|more| *more > 0) {
+            listed.push((format!("and {more} more"), "listed up to 200 of each kind".to_owned()));
+        }
+    }
+    listed
 }

@@ -8,8 +8,8 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use super::input::{ErrorSeries, PredictedAccuracy, ResidualPoint};
-use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_identify::evaluate::model_title;
+use spherecal_model::ContactTrace;
 
 /// A figure that could not be drawn.
 #[derive(Clone, Debug, thiserror::Error)]

@@ -4,7 +4,7 @@ use roxmltree::{Document, Node};
 
 use super::tests::full;
 use super::*;
-use spherecal_campaign::telemetry::ContactTrace;
+use spherecal_model::ContactTrace;
 
 fn number(node: Node<'_, '_>, name: &str) -> f64 {
     let text = node.attribute(name).unwrap_or_else(|| panic!("{name} of {node:?}"));

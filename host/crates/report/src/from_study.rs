@@ -1,17 +1,12 @@
 //! A report of a calibration from files.
 
-use std::collections::HashSet;
-
-use super::calibration::{correlation, group_table, identifiability_words, parameter_rows};
+use super::calibration::{correlation, group_table, identifiability_words, outliers, parameter_rows, residual_points};
 use super::headline::{Error, compared, files, regions};
-use super::input::{Headline, ReportInput, ResidualPoint, SimpleTable};
-use super::judged::{self, DRAWN, thinned};
+use super::input::{Headline, ReportInput, SimpleTable};
+use super::judged::{self, DRAWN};
+use spherecal_identify::Calibration;
 use spherecal_identify::evaluate::{Errors, JudgedModel, millimetres};
 use spherecal_identify::study::Study;
-use spherecal_identify::{Calibration, Target};
-
-/// Most outliers of a kind in the table.
-const LISTED: usize = 200;
 
 /// The report of a study; `created` is its date, in words.
 pub fn study_report(study: &Study, created: &str) -> ReportInput {
@@ -41,53 +36,9 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         ),
     };
     let place = |p: u32| recordings.places.name(p).to_owned();
-    let named: HashSet<usize> = calibration.residual.outliers.iter().map(|o| o.index).collect();
-    let rows_drawn = thinned(&calibration.residual.rows);
-    let residuals = rows_drawn
-        .iter()
-        .filter_map(|r| {
-            let group = match recordings
-                .experiment
-                .observations
-                .get(*evaluation.used.get(r.index)?)?
-                .target
-            {
-                Target::Sphere { sphere, place: p } => match place(p) {
-                    name if name.is_empty() => format!("sphere {sphere}"),
-                    name => format!("sphere {sphere}, {name}"),
-                },
-                _ => "tracker".to_owned(),
-            };
-            Some(ResidualPoint {
-                group,
-                distance_mm: r.error_mm.iter().map(|e| e * e).sum::<f64>().sqrt(),
-                outlier: named.contains(&r.index),
-            })
-        })
-        .collect();
-    let mut outliers: Vec<(String, String)> = evaluation
-        .rejected
-        .iter()
-        .take(LISTED)
-        .map(|(i, mm)| {
-            (
-                recordings.describe(*i),
-                format!("left out: {mm:.1} mm from where any calibration could bring it"),
-            )
-        })
-        .collect();
-    let found = &calibration.residual.outliers;
-    outliers.extend(found.iter().take(LISTED).filter_map(|o| {
-        let row = recordings.describe(*evaluation.used.get(o.index)?);
-        Some((row, o.why.clone()))
-    }));
-    for count in [evaluation.rejected.len(), found.len()] {
-        if let Some(more) = count.checked_sub(LISTED).filter(|more| *more > 0) {
-            outliers.push((format!("and {more} more"), "listed up to 200 of each kind".to_owned()));
-        }
-    }
+    let residuals = residual_points(evaluation, recordings);
     let mut notes = study.notes.clone();
-    if calibration.residual.rows.len() > rows_drawn.len() {
+    if calibration.residual.rows.len() > residuals.len() {
         notes.push(format!(
             "the figures by row show every {}th of {} rows; tables and histograms use all rows",
             calibration.residual.rows.len().div_ceil(DRAWN),
@@ -127,7 +78,7 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         parameters: parameter_rows(calibration),
         identifiability: identifiability_words(calibration),
         residuals,
-        outliers,
+        outliers: outliers(evaluation, recordings),
         correlation: correlation(calibration),
         regions: regions(evaluation),
         prediction: judged::prediction(evaluation, recordings),

@@ -1,7 +1,7 @@
 //! The input of a report: plain data, with every section optional.
 
-use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_identify::ExpectedError;
+use spherecal_model::ContactTrace;
 
 /// A file of the result with the error that it has.
 #[derive(Clone, Debug, Default, PartialEq)]

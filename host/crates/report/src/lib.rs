@@ -12,7 +12,6 @@ pub mod calibration;
 mod certificate;
 mod charts;
 mod correlation_map;
-pub mod export;
 mod from_study;
 pub mod headline;
 mod input;

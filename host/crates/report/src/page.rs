@@ -2,7 +2,7 @@
 //! from the user.
 
 use maud::{Markup, PreEscaped, html};
-use spherecal_campaign::telemetry::ContactTrace;
+use spherecal_model::ContactTrace;
 
 use super::charts::{self, ChartError};
 use super::correlation_map;

@@ -1,8 +1,8 @@
 //! Tests that the page is complete, escapes what users write, and makes no network request.
 
 use super::*;
-use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_identify::evaluate::model_title;
+use spherecal_model::ContactTrace;
 
 /// A report with something in every section, and with hostile names.
 pub(crate) fn full() -> ReportInput {

@@ -202,7 +202,7 @@ fn what_is_not_what_was_written_is_left_out() {
     }
     std::fs::write(&path, &bytes).expect("written");
     let refusal = read(&path).expect_err("seen when it is read");
-    assert!(refusal.to_string().contains("sphere 1, pose 7"), "{refusal}");
+    assert!(refusal.to_string().contains("pose 7 (sphere 1)"), "{refusal}");
     let (saved, report) = recovered(&path, &recordings);
     assert_eq!(report.recordings_left_out, [(1, 1, 7)]);
     assert_eq!(saved, recordings.len() - 1);

@@ -48,8 +48,8 @@ impl SqlStore {
                 return Err(StoreError::Damaged {
                     path: self.path.clone(),
                     what: format!(
-                        "the recording of sphere {}, pose {} in run {run} differs from what was written",
-                        recording.sphere, recording.pose
+                        "the recording of pose {} (sphere {}) in run {run} differs from what was written",
+                        recording.pose, recording.sphere
                     ),
                 });
             }

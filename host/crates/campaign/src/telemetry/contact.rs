@@ -5,24 +5,13 @@
 
 use std::collections::VecDeque;
 
-use serde::{Deserialize, Serialize};
+use spherecal_model::ContactTrace;
 use spherecal_shared::protocol::host::{Contact, Phase, Sample};
 
 /// Device time over which the samples of an approach are kept, in µs.
 const APPROACH_US: u64 = 6_000_000;
 /// Motion of the setpoint, in m, from which the direction of approach is read.
 const LEAST_MOTION_M: f64 = 1e-4;
-
-/// The force against the approach around one contact.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct ContactTrace {
-    /// Id of the sphere.
-    pub sphere: u32,
-    /// Device time of the trigger, in s.
-    pub trigger_s: f64,
-    /// Device time, in s, and force against the approach, in N, to a thousandth: the store keeps all digits as text.
-    pub samples: Vec<(f64, f64)>,
-}
 
 /// One sample of an approach.
 struct KeptSample {

@@ -23,10 +23,11 @@ mod thinning;
 mod utc;
 mod writer;
 
-pub use contact::{ContactTrace, ContactTracer};
+pub use contact::ContactTracer;
 pub use files::{RunKey, files_of_earlier_versions, files_of_run};
 pub use reader::{Period, TelemetryMessage, TelemetryMessages, TelemetryReader, Torn};
 pub use recorder::TelemetryRecorder;
 pub use scene::DrawnArm;
+pub use spherecal_model::ContactTrace;
 pub use utc::Moment;
 pub use writer::{TelemetryError, TelemetryWriter};

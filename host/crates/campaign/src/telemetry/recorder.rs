@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use spherecal_shared::protocol::host::{Event, Sample};
 use spherecal_shared::timing::SampleClock;
 
-use super::contact::{ContactTrace, ContactTracer};
+use super::contact::ContactTracer;
 use super::files::{RunKey, free_name};
 use super::scene::DrawnArm;
 use super::thinning::{Entry, Thinning};
@@ -17,6 +17,7 @@ use super::utc::{Moment, UtcClock, now_ns};
 use super::writer::{TelemetryError, TelemetryWriter};
 use crate::{CampaignObserver, Moved, Progress};
 use spherecal_link::Arrival;
+use spherecal_model::ContactTrace;
 
 /// Device time that is kept of a contact before its trigger and after it, in µs.
 const KEPT_US: u64 = 1_500_000;

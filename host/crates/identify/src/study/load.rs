@@ -9,7 +9,7 @@ use super::StudyError;
 use super::checks::{check_judges, check_label, check_places, check_unit, no_plate};
 use super::sources::{Sources, TableSource, plate};
 use super::torques::understand_torques;
-use crate::recordings::{Recordings, RowSource, ValidationRows};
+use crate::recordings::{Recordings, RowNames, RowSource, ValidationRows};
 use crate::{Experiment, Observation, Options, Set, Target};
 use spherecal_model::WorkBox;
 use spherecal_model::input::{InputError, Labels, ReadingProgress, Table, TableFormat, TableRow};
@@ -114,6 +114,10 @@ pub fn assemble(
     };
     let mut places = Labels::default();
     let mut labels = Labels::default();
+    let named_by = match data {
+        TableSource::File(_) => RowNames::Line,
+        TableSource::Text { .. } => RowNames::Number,
+    };
     let table = data.read(&format, &mut places, progress)?;
     check_label(&table, request.holdout.as_deref())?;
     let data = rows(table, request.holdout.as_deref(), &places, &mut labels, true);
@@ -149,6 +153,7 @@ pub fn assemble(
     }
     let recordings = Recordings {
         file: data.file,
+        named_by,
         samples: data.samples,
         validation,
         places,
@@ -254,7 +259,7 @@ fn rows(table: Table, label: Option<&str>, places: &Labels, labels: &mut Labels,
         None => 0,
     };
     let samples = table.rows().map(|row| RowSource {
-        line: row.line,
+        number: row.line,
         place: row.place,
         label: number(&row),
     });

@@ -280,7 +280,7 @@ fn campaign(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
             format!("{lost} of {} poses were not recorded", campaign.planned)
         } else {
             let given_up = campaign.given_up.iter();
-            let names = listed(given_up.map(|(sphere, pose)| format!("pose {pose} on sphere {sphere}")));
+            let names = listed(given_up.map(|(sphere, pose)| format!("pose {pose} (sphere {sphere})")));
             format!("{lost} of {} poses were not recorded: {names}", campaign.planned)
         },
     );

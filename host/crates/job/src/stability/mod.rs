@@ -220,7 +220,7 @@ pub struct Held {
 /// What an analysis could not do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "the hold at sphere {sphere}, pose {pose} has {windows} whole windows, but two are needed: hold longer, or find out why \
+    "the hold at pose {pose} (sphere {sphere}) has {windows} whole windows, but two are needed: hold longer, or find out why \
      telemetry is lost ({heard} of {count} samples arrived)"
 )]
 pub struct TooShort {

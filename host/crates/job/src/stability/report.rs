@@ -97,7 +97,7 @@ fn reasons(holds: &[Held], joint_urad: f64) -> Vec<String> {
 }
 
 fn name(hold: &Held) -> String {
-    format!("sphere {}, pose {}", hold.sphere, hold.pose)
+    format!("pose {} (sphere {})", hold.pose, hold.sphere)
 }
 
 fn yes(is: bool) -> String {

@@ -14,9 +14,9 @@ use crate::worlds::{
 };
 use spherecal::cli::{CliError, Exit};
 use spherecal::{errln, out, outln};
+use spherecal_export::{Format, TableFile};
 use spherecal_identify::{Estimator, Recordings};
 use spherecal_job as job;
-use spherecal_report::export::{Format, TableFile};
 use spherecal_store::{CalibrationStore as _, SqlStore};
 
 /// Arguments of `reproduce`.

@@ -10,10 +10,10 @@ use super::estimators::judge;
 use super::record::{ContactPose, WorldError, paper_poses, record_poses};
 use super::seeds;
 use crate::shards::{self, ShardError, ShardedStudy};
+use spherecal_export::ExportTable;
 use spherecal_identify::Estimator;
 use spherecal_identify::validate::{Alignment, ErrorStatistics};
 use spherecal_model::statistics::median;
-use spherecal_report::export::ExportTable;
 use spherecal_sim::worlds::World;
 
 /// What to compare.

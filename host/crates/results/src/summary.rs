@@ -3,12 +3,11 @@
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
-use spherecal_identify::Target;
 use spherecal_identify::evaluate::{Errors, Judge, Judged};
 use spherecal_identify::study::Study;
+use spherecal_identify::{Evaluation, Target};
 use spherecal_report::Certificate;
 
-use crate::CertificateSection;
 use crate::certificate::{CertificateSubject, certificate, hexadecimal};
 
 /// The numbers that an instrument measured, in m; a hidden target is not a number. A contact has none: its recording is
@@ -23,7 +22,7 @@ fn measured(target: &Target) -> Vec<f64> {
 }
 
 /// Hash over the bits of the recordings in order: joint angles, torques, and what an instrument measured.
-pub(super) fn recordings_sha256(study: &Study) -> String {
+fn recordings_sha256(study: &Study) -> String {
     let mut hash = Sha256::new();
     for o in &study.recordings.experiment.observations {
         for value in o.q.iter().chain(o.tau.iter().flatten()).chain(&measured(&o.target)) {
@@ -156,7 +155,7 @@ pub fn summary_json(study: &Study, certificate: &Certificate) -> Value {
         "predicted": { "mean_mm": evaluation.predicted_mm.0, "max_mm": evaluation.predicted_mm.1 },
         "validation": evaluation.judged.as_ref().map_or_else(|| json!({ "n": 0, "models": {} }), |j| judged_json(j, closed_loop)),
         "verdict": evaluation.verdict,
-        "files": crate::summary::files_json(evaluation),
+        "files": files_json(evaluation),
         "certificate": certificate,
         "notes": study.notes,
         "recordings_sha256": certificate.recordings_sha256,
@@ -168,7 +167,7 @@ pub fn summary_json(study: &Study, certificate: &Certificate) -> Value {
         let aligned = judged.base_aligned(&judges);
         value["validation"]["models_base_aligned"] = models_json(&aligned, closed_loop);
     }
-    super::targets::into_summary(study, &mut value);
+    crate::targets::into_summary(study, &mut value);
     value["validation"]["cross_validated"] = json!(evaluation.cross_validated);
     if let Some(holdout) = &evaluation.holdout {
         let folds: Vec<Value> = holdout
@@ -196,9 +195,9 @@ fn finite(value: f64) -> Value {
     if value.is_finite() { json!(value) } else { Value::Null }
 }
 
-/// The certificate of a study, with what the user stated. A table of poses does not say when it
+/// The certificate of a study; `state` writes onto it what the user stated. A table of poses does not say when it
 /// was measured and whether its arm was simulated.
-pub fn study_certificate(study: &Study, stated: &CertificateSection) -> Certificate {
+pub fn study_certificate(study: &Study, state: &dyn Fn(&mut Certificate)) -> Certificate {
     let about = CertificateSubject {
         robot: study.model.robot.name.as_str(),
         arm: "",
@@ -208,5 +207,23 @@ pub fn study_certificate(study: &Study, stated: &CertificateSection) -> Certific
         configuration: toml::to_string(&study.evaluation.options).ok(),
         recordings_sha256: recordings_sha256(study),
     };
-    certificate(stated, about, &study.recordings, &study.evaluation)
+    certificate(state, about, &study.recordings, &study.evaluation)
+}
+
+/// The files of a result with the error that each has over the work region, for `summary.json`.
+pub fn files_json(evaluation: &Evaluation) -> Value {
+    let verdict = &evaluation.verdict;
+    let mut files = vec![json!({
+        "name": "calibrated.toml with its compensator",
+        "expected_error_mm": verdict.expected_error_mm.map(|e| e.work),
+        "region": "work",
+    })];
+    if evaluation.geometry.helps() {
+        files.push(json!({
+            "name": "calibrated.urdf",
+            "expected_error_mm": verdict.file_error_mm.map(|e| e.work),
+            "region": "work",
+        }));
+    }
+    files.into()
 }

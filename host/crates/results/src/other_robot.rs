@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 use spherecal_model::{read_text, read_toml};
 
-use super::JobError;
+use crate::WriteError;
 
 /// Files of a result, by name.
 const RESULTS: [&str; 8] = [
@@ -91,7 +91,7 @@ impl Whose {
 ///
 /// # Errors
 /// A file that cannot be moved.
-pub(super) fn keep_other_robots(folder: &Path, summary: &Value) -> Result<Option<String>, JobError> {
+pub(super) fn keep_other_robots(folder: &Path, summary: &Value) -> Result<Option<String>, WriteError> {
     // A link is moved as a link, also if it leads nowhere.
     let there: Vec<&str> = RESULTS
         .into_iter()
@@ -118,7 +118,7 @@ pub(super) fn keep_other_robots(folder: &Path, summary: &Value) -> Result<Option
 }
 
 /// Makes the first of `name`, `name-2`, ... that is not there.
-fn free_folder(folder: &Path, name: &str) -> Result<PathBuf, JobError> {
+fn free_folder(folder: &Path, name: &str) -> Result<PathBuf, WriteError> {
     let mut k = 1u32;
     loop {
         let path = match k {
@@ -133,8 +133,8 @@ fn free_folder(folder: &Path, name: &str) -> Result<PathBuf, JobError> {
     }
 }
 
-fn unwritten(path: &Path, source: std::io::Error) -> JobError {
-    JobError::Write {
+fn unwritten(path: &Path, source: std::io::Error) -> WriteError {
+    WriteError {
         path: path.display().to_string(),
         source,
     }

@@ -67,7 +67,7 @@ pub fn summary_text(study: &Study) -> String {
         );
         table(&mut out, judged);
     }
-    out += &super::targets::words(study);
+    out += &crate::targets::words(study);
     if let Some(holdout) = &evaluation.holdout {
         let _ = writeln!(
             out,

@@ -4,9 +4,9 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::summary::summary_json;
-use crate::write::{CalibratedTexts, Results, base_of_files, calibrated_texts, write_results};
-use crate::{Files, JobError};
+use crate::WriteError;
+use crate::files::{CalibratedTexts, Files, Results, base_of_files, calibrated_texts, write_results};
+use crate::summary::summary_json;
 use spherecal_identify::study::Study;
 use spherecal_model::Pose;
 use spherecal_model::robots::frames::{compose, inverse};
@@ -22,7 +22,7 @@ pub fn write_files(
     directory: &Path,
     certificate: &Certificate,
     report: Option<&str>,
-) -> Result<Files, JobError> {
+) -> Result<Files, WriteError> {
     write_results(directory, &results(study, &summary_json(study, certificate), report))
 }
 
