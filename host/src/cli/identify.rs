@@ -319,6 +319,14 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
         view.finish();
         return say_what_is_wrong(&request, sources);
     }
+    let remarks = explain::remarks(&request, sources.clone());
+    if !remarks.is_empty() {
+        view.finish();
+        for remark in &remarks {
+            errln!("spherecal: {remark}");
+        }
+        view = StudyProgress::new();
+    }
     let study = study_of(&request, sources.clone(), &mut |step| view.show(step));
     view.finish();
     let mut study = study.map_err(|error| {
@@ -332,7 +340,6 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
         let root = root_of_files(&study);
         study.model.slides = slides.directions().iter().map(|d| root.rotation.tr_mul(d)).collect();
     }
-    let remarks = explain::remarks(&study);
     study.notes.extend(remarks);
     if let Some(path) = &args.anonymise {
         write_new(path, &anonymous_csv(&study.recordings))?;

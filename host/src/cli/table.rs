@@ -84,7 +84,8 @@ pub struct TableArgs {
     /// The measured poses are those of the instrument in the frame of the tool.
     #[arg(long, help_heading = "The table", requires = "data")]
     pub invert_poses: bool,
-    /// Rows by which the measurements lag behind their joint angles.
+    /// Rows by which the measurements lag behind their joint angles; parts of a row, such as 0.6, where the arm moved while
+    /// it was measured.
     #[arg(
         long,
         help_heading = "The table",
@@ -93,7 +94,7 @@ pub struct TableArgs {
         requires = "data",
         allow_hyphen_values = true
     )]
-    pub shift_rows: i64,
+    pub shift_rows: f64,
 }
 
 fn refuse(option: &str, value: &str, remedy: &str) -> CliError {
@@ -279,7 +280,7 @@ pub(super) fn put_right(
     tables: &mut BagTables,
 ) -> Result<Option<Slides>, CliError> {
     let path = model.joint_path().map_err(CliError::input)?;
-    let plain = model.clone().plain().is_ok();
+    let plain = path.odd_joint().is_none();
     let n = path.columns.len();
     let adjust = args.adjustments(n)?;
     let mapping = ColumnMapping::parse(&args.columns, args.ignore_rest).map_err(CliError::input)?;

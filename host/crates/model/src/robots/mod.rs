@@ -13,6 +13,7 @@
 //!   FILE.conf ┘ (Universal Robots)
 //! ```
 
+mod chain_words;
 mod compare;
 mod compensator;
 mod error;
