@@ -4,13 +4,13 @@
 use std::path::Path;
 
 use clap::Args;
-use spherecal_explain::{Slides, slides};
+use spherecal_explain::{Slides, hinges};
 use spherecal_identify::study::StudyRequest;
 use spherecal_model::input::{
     Adjustments, ColumnMapping, InputError, Labels, MOST_FILE_BYTES, Recorded, Table, TableFormat, read_csv, recorded,
 };
-use spherecal_model::robots::{JointKind, JointPath, RobotModel};
-use spherecal_model::{Observation, open_regular};
+use spherecal_model::open_regular;
+use spherecal_model::robots::RobotModel;
 
 use super::bag::BagTables;
 use super::exit::CliError;
@@ -222,51 +222,6 @@ fn looked_at(
     recorded(&path.display().to_string(), file, format, mapping).map(Some)
 }
 
-/// Turns a table of the columns of a path into one of the hinges of its table, with the slides at zero. The first table
-/// gives the motion of the slides, also for a later one.
-fn hinges(
-    path: &JointPath,
-    tool: [f64; 3],
-    table: &mut Table,
-    motion: &mut Option<Slides>,
-    notes: &mut Vec<String>,
-) -> Result<(), CliError> {
-    if slides(path) && motion.is_none() {
-        let observations: Vec<Observation> = table
-            .rows()
-            .map(|row| Observation {
-                q: row.q.to_vec(),
-                tau: None,
-                target: row.target(),
-                set: row.set.unwrap_or_default(),
-                seat: None,
-            })
-            .collect();
-        let found = Slides::fit(path, &tool.into(), &observations).map_err(CliError::input)?;
-        let names: Vec<&str> = path
-            .joints
-            .iter()
-            .filter(|j| j.kind == JointKind::Slides)
-            .map(|j| j.name.as_str())
-            .collect();
-        notes.push(format!(
-            "the motion of the sliding joints ({}) was fitted with the whole chain (to {:.3} mm) and taken out of the points: \
-             the turning joints are calibrated, and calibrated.urdf has the directions of the slides",
-            names.join(", "),
-            found.left_m * 1e3
-        ));
-        *motion = Some(found);
-    }
-    if table.rows().any(|row| row.tau.is_some()) {
-        notes.push("torques are of the table's columns and not of the hinges: they are not used".to_owned());
-    }
-    table.with_joints(|columns| {
-        let shift = motion.as_ref().map_or([0.0; 3], |m| m.shift(columns).into());
-        (path.table_angles(&path.positions(columns)), shift)
-    });
-    Ok(())
-}
-
 /// Puts the tables of a request right, in place of its files: columns, corrections, joints that slide or follow others.
 /// What was done goes to the tables' notes. Then the request's column options are used up. Returns the motion of the
 /// sliding joints, where there are some.
@@ -329,7 +284,8 @@ pub(super) fn put_right(
             let mut table: Table = read_csv(&name, csv.as_bytes(), &format, &mut places).map_err(CliError::input)?;
             adjust.apply(&mut table).map_err(CliError::input)?;
             if !plain {
-                hinges(&path, tool, &mut table, &mut motion, notes)?;
+                let done = hinges(&path, &tool.into(), &mut table, &mut motion).map_err(CliError::input)?;
+                notes.extend(done);
             }
             let label = request.holdout.as_deref().filter(|_| !table.labels.is_empty());
             *csv = table.to_csv(&places, label);

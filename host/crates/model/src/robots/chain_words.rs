@@ -2,6 +2,7 @@
 
 use super::error::RobotFileError;
 use super::model::{Origin, RobotModel};
+use super::path::JointPath;
 use super::urdf::{JointMotion, UrdfJoint};
 use crate::excerpt;
 
@@ -68,6 +69,20 @@ impl RobotModel {
             link = &joint.parent;
         }
         Ok((others.collect(), carriers))
+    }
+
+    /// Least and greatest position of each column of a path of this robot, in rad or m; without bounds where the file has
+    /// none.
+    pub fn column_ranges(&self, path: &JointPath) -> Vec<(f64, f64)> {
+        let bounds = |(k, column): (usize, &String)| {
+            let of_table = self.robot.joints.get(k).map(|j| (j.limits.min_rad, j.limits.max_rad));
+            let of_file = match &self.origin {
+                Origin::Urdf(source) => source.0.joints.iter().find(|j| j.name == *column).map(|j| j.range),
+                Origin::BuiltIn | Origin::Toml => of_table,
+            };
+            of_file.unwrap_or((f64::NEG_INFINITY, f64::INFINITY))
+        };
+        path.columns.iter().enumerate().map(bounds).collect()
     }
 
     /// Joints of the file that move and are not on the chain, each with its type and its parent link.

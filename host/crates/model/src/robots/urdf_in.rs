@@ -50,6 +50,14 @@ pub fn load(path: &str, text: &str, ends: Option<&str>) -> Result<RobotModel, Ro
     load_path(path, text, ends, None)?.plain()
 }
 
+/// The same, also for a chain whose joints slide or follow others ([`RobotModel::joint_path`]).
+///
+/// # Errors
+/// As [`load`].
+pub fn load_any(path: &str, text: &str, ends: Option<&str>) -> Result<RobotModel, RobotFileError> {
+    load_path(path, text, ends, None)
+}
+
 /// The same with the semantic description beside the file, and also for a chain whose joints slide or follow others:
 /// the table is that of its turning joints, with the sliding ones at zero.
 ///
