@@ -43,18 +43,15 @@ pub(super) fn explained(request: &StudyRequest, sources: Sources<'_>) -> Result<
     )))
 }
 
-/// What can be told of the table of a request without a search; nothing of one that cannot be read, which the study refuses.
-pub(super) fn remarks(request: &StudyRequest, sources: Sources<'_>) -> Vec<String> {
-    let Ok(loaded) = assemble(request, sources, &mut |_| {}) else {
-        return Vec::new();
-    };
+/// What can be told of the table of a request without a search. `None` for one that cannot be read, which the study refuses.
+pub(super) fn looked_at(request: &StudyRequest, sources: Sources<'_>) -> Option<Explanation> {
+    let loaded = assemble(request, sources, &mut |_| {}).ok()?;
     let experiment = &loaded.recordings.experiment;
-    look(&Subject::new(
+    Some(look(&Subject::new(
         &loaded.model,
         &experiment.observations,
         &experiment.spheres,
-    ))
-    .sentences()
+    )))
 }
 
 /// A refusal with what the search says to it, and with the notes on how the tables were read.

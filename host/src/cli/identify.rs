@@ -14,6 +14,7 @@ use super::out::{errln, outln};
 use super::stages;
 use super::study_progress::StudyProgress;
 use super::table::{TableArgs, put_right};
+use spherecal_explain::Explanation;
 use spherecal_identify::study::{
     Sources, StudyError, StudyRequest, StudyStep, TableSource, anonymous_csv, sources, study_of,
 };
@@ -319,7 +320,16 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
         view.finish();
         return say_what_is_wrong(&request, sources);
     }
-    let remarks = explain::remarks(&request, sources.clone());
+    let looked = explain::looked_at(&request, sources.clone());
+    let remarks = looked.as_ref().map(Explanation::sentences).unwrap_or_default();
+    if looked.is_some_and(|found| !found.found.is_empty()) {
+        view.finish();
+        return Err(CliError::input(format!(
+            "{}: {}",
+            request.data.display(),
+            remarks.join("\n  ")
+        )));
+    }
     if !remarks.is_empty() {
         view.finish();
         for remark in &remarks {

@@ -215,7 +215,7 @@ fn two_arms() -> String {
 fn a_path_goes_up_and_down_again() {
     let text = two_arms();
     let load = |ends: &str| super::super::urdf_in::load_path("r.urdf", &text, Some(ends), None).unwrap();
-    let values: Vec<(&str, f64)> = vec![
+    let values: [(&str, f64); 8] = [
         ("lift", 0.2),
         ("turn", 0.3),
         ("l1", -0.4),
