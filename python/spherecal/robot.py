@@ -24,7 +24,9 @@ class Robot:
     ``tool`` is the TCP in the flange frame, in m; without it, that of the source.
 
     Frames: the *root* frame is the first frame of the file (``frame_names[0]``); the TCP's axes are
-    those of the flange frame (``frame_names[1]``). Angles are in rad, lengths in m.
+    those of the flange frame (``frame_names[1]``). Angles are in rad, lengths in m. A joint that slides has a
+    position in m, and one that follows another has none of its own: such a robot can be identified, and has
+    no inverse kinematics here.
 
     >>> robot = Robot("ur5e", tool=(0, 0, 0.1))
     >>> robot.name, robot.joints
@@ -109,7 +111,7 @@ class Robot:
 
     @property
     def limits(self) -> Floats:
-        """Least and greatest angle of each joint, in rad: (joints, 2)."""
+        """Least and greatest position of each joint, in rad (m of one that slides): (joints, 2)."""
         return self._native.limits
 
     @property

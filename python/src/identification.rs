@@ -6,12 +6,16 @@ use std::sync::OnceLock;
 
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
+use spherecal_explain::{Slides, hinges};
 use spherecal_identify::study::{PAPER_PLATE, Sources, Study, StudyRequest, TableSource, study_of};
 use spherecal_identify::{Method, Model, Options, paper_plate};
-use spherecal_model::input::{InputError, Plate, read_plate, read_plate_file};
+use spherecal_model::input::{InputError, Labels, Plate, TableFormat, read_csv, read_plate, read_plate_file};
 use spherecal_model::read_toml;
+use spherecal_model::robots::load_urdf_text_path;
 use spherecal_report::{Certificate, render, study_report};
-use spherecal_results::{CalibratedTexts, calibrated, study_certificate, summary_json, summary_text, write_files};
+use spherecal_results::{
+    CalibratedTexts, calibrated, root_of_files, study_certificate, summary_json, summary_text, write_files,
+};
 
 use crate::arrays::{Rows, matrix, of_matrix};
 use crate::compensate::StudyCompensator;
@@ -23,6 +27,8 @@ use crate::robot::NativeRobot;
 pub(crate) struct NativeIdentification {
     study: Study,
     texts: CalibratedTexts,
+    /// The calibrated robot: geometry alone, with its tool.
+    robot: NativeRobot,
     /// Made when somebody asks: it takes part of a second.
     certificate: OnceLock<Certificate>,
 }
@@ -177,10 +183,11 @@ pub(crate) fn identify(
     model: Option<String>,
     seed: Option<u64>,
 ) -> PyResult<NativeIdentification> {
-    let joints = robot.model.robot.dof();
-    let data = csv(&data, joints)?;
-    let validate = validate.map(|table| csv(&table, joints)).transpose()?;
+    let joints = robot.dof();
+    let mut data = csv(&data, joints)?;
+    let mut validate = validate.map(|table| csv(&table, joints)).transpose()?;
     let mut nominal = robot.model.clone();
+    let path = robot.path.clone();
     guarded(py, move || {
         // As with the command: an option that is given stands over the text of the options.
         let mut options = match options_toml {
@@ -215,6 +222,25 @@ pub(crate) fn identify(
             options,
             ..StudyRequest::default()
         };
+        let mut motion: Option<Slides> = None;
+        let mut notes = Vec::new();
+        if let Some(path) = &path {
+            let label = request.holdout.as_deref();
+            let tool = nominal.tool.tcp();
+            let tables = [("data", Some(&mut data)), ("validate", validate.as_mut())];
+            for (name, csv) in tables.into_iter().filter_map(|(name, csv)| Some((name, csv?))) {
+                let format = TableFormat {
+                    joints,
+                    label: label.map(str::to_owned).filter(|_| name == "data"),
+                    ..TableFormat::default()
+                };
+                let mut places = Labels::default();
+                let mut table = read_csv(name, csv.as_bytes(), &format, &mut places)?;
+                let done = hinges(path, &tool, &mut table, &mut motion);
+                notes.extend(done.map_err(|e| Failure::input(name, &nominal.robot.name, &e.to_string()))?);
+                *csv = table.to_csv(&places, label.filter(|_| !table.labels.is_empty()));
+            }
+        }
         let sources = Sources {
             model: nominal,
             plate: plate(plate_file, plate_text)?,
@@ -225,13 +251,32 @@ pub(crate) fn identify(
             validate: validate
                 .as_deref()
                 .map(|csv| TableSource::Text { name: "validate", csv }),
-            notes: Vec::new(),
+            notes,
         };
-        let study = study_of(&request, sources, &mut |_| {})?;
+        let mut study = study_of(&request, sources, &mut |_| {})?;
+        if let Some(slides) = motion {
+            let root = root_of_files(&study);
+            study.model.slides = slides.directions().iter().map(|d| root.rotation.tr_mul(d)).collect();
+        }
         let texts = calibrated(&study);
+        let mut robot = NativeRobot {
+            model: texts.model.clone(),
+            path: None,
+        };
+        if path.is_some() {
+            // What slides or follows is in the file, not in the table.
+            let (base, tip) = &texts.model.frame_names;
+            robot = NativeRobot::of(load_urdf_text_path(
+                "calibrated.urdf",
+                &texts.urdf,
+                Some(&format!("{base}:{tip}")),
+            )?)?;
+            robot.model.tool = texts.model.tool;
+        }
         Ok(NativeIdentification {
             study,
             texts,
+            robot,
             certificate: OnceLock::new(),
         })
     })
@@ -288,6 +333,7 @@ impl NativeIdentification {
 
     /// TCP of the full model in the root frame of the robot's file, in m.
     fn predict<'py>(&self, py: Python<'py>, q: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.robot.hinges_alone()?;
         let rows = Rows::joints(&q, self.study.model.robot.dof())?;
         let points = guarded(py, || {
             let calibration = &self.study.evaluation.calibration;
@@ -299,6 +345,7 @@ impl NativeIdentification {
 
     /// Predicted standard deviation of the TCP, in m.
     fn predicted_sigma(&self, py: Python<'_>, q: PyReadonlyArray2<'_, f64>) -> PyResult<Vec<f64>> {
+        self.robot.hinges_alone()?;
         let rows = Rows::joints(&q, self.study.model.robot.dof())?;
         guarded(py, || {
             let sigma = |q: &[f64]| self.study.evaluation.predicted_sigma_mm(q) / 1e3;
@@ -308,6 +355,7 @@ impl NativeIdentification {
 
     /// Joint commands in place of nominal ones.
     fn compensate<'py>(&self, py: Python<'py>, q: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.robot.hinges_alone()?;
         let joints = self.study.model.robot.dof();
         let rows = Rows::joints(&q, joints)?;
         let commands = guarded(py, || {
@@ -323,9 +371,7 @@ impl NativeIdentification {
 
     /// The calibrated robot: geometry alone, with its tool.
     fn robot(&self) -> NativeRobot {
-        NativeRobot {
-            model: self.texts.model.clone(),
-        }
+        self.robot.clone()
     }
 
     fn toml(&self) -> &str {

@@ -1,11 +1,11 @@
 //! A robot: forward kinematics, Jacobian, inverse kinematics, text.
 
-use nalgebra::Rotation3;
+use nalgebra::{Rotation3, Vector3};
 use numpy::{PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use spherecal_model::chain::{Chain, TcpPose, wrapped};
 use spherecal_model::robots::frames::{compose, inverse};
-use spherecal_model::robots::{self, RobotModel, table_frames, toml_file, write_urdf};
+use spherecal_model::robots::{self, JointPath, RobotModel, table_frames, toml_file, write_urdf};
 use spherecal_shared::robot::Pose;
 
 use crate::arrays::{Rows, homogeneous, matrices, matrix, pose};
@@ -16,6 +16,8 @@ use crate::error::{Failure, guarded};
 #[derive(Clone)]
 pub(crate) struct NativeRobot {
     pub(crate) model: RobotModel,
+    /// Its joints, where some of them slide or follow others.
+    pub(crate) path: Option<JointPath>,
 }
 
 /// The TCP's frame in the root frame.
@@ -49,8 +51,67 @@ impl NativeRobot {
         }
     }
 
-    fn dof(&self) -> usize {
-        self.model.robot.dof()
+    /// A robot of any chain.
+    pub(crate) fn of(model: RobotModel) -> Result<Self, Failure> {
+        let path = model.joint_path()?;
+        let path = path.odd_joint().is_some().then_some(path);
+        Ok(Self { model, path })
+    }
+
+    /// Number of the joints that are measured.
+    pub(crate) fn dof(&self) -> usize {
+        self.path
+            .as_ref()
+            .map_or(self.model.robot.dof(), |path| path.columns.len())
+    }
+
+    /// Refuses a chain with joints that slide or follow others, which inverse kinematics and compensation do not know.
+    pub(crate) fn hinges_alone(&self) -> Result<(), Failure> {
+        match self.path {
+            Some(_) => Ok(self.model.clone().plain().map(|_| ())?),
+            None => Ok(()),
+        }
+    }
+
+    /// The TCP's frame in the root frame.
+    fn tcp_frame(&self, q: &[f64]) -> Pose<f64> {
+        let Some(path) = &self.path else {
+            return tcp_frame(&self.model, q);
+        };
+        let flange = path.frames(&path.positions(q)).tip;
+        Pose {
+            position: flange.point(&self.model.tool.tcp()),
+            rotation: flange.rotation,
+        }
+    }
+
+    /// The Jacobian of the TCP in the root frame, row by row.
+    fn jacobian_at(&self, q: &[f64]) -> Vec<f64> {
+        let n = self.dof();
+        let tcp = self.tcp_frame(q).position;
+        let mut jacobian = vec![0.0; 6 * n];
+        let mut add = |column: usize, linear: &Vector3<f64>, angular: &Vector3<f64>| {
+            for k in 0..3 {
+                jacobian[k * n + column] += linear[k];
+                jacobian[(k + 3) * n + column] += angular[k];
+            }
+        };
+        if let Some(path) = &self.path {
+            let frames = path.frames(&path.positions(q));
+            for (k, joint) in path.joints.iter().enumerate() {
+                let twist = path.joint_column(&frames, k, &tcp);
+                for &(column, factor) in &joint.terms {
+                    add(column, &(twist.linear * factor), &(twist.angular * factor));
+                }
+            }
+        } else {
+            for (i, frame) in table_frames(&self.model.rows(), q).iter().enumerate() {
+                let frame = compose(&self.model.base, frame);
+                let z = frame.z();
+                add(i, &z.cross(&(tcp - frame.position)), &z);
+            }
+        }
+        jacobian
     }
 }
 
@@ -59,30 +120,20 @@ impl NativeRobot {
     /// A built-in name, or a file.
     #[staticmethod]
     fn load(py: Python<'_>, spec: String) -> PyResult<Self> {
-        guarded(py, || {
-            Ok(Self {
-                model: robots::load(&spec)?,
-            })
-        })
+        guarded(py, || Self::of(robots::load_path(&spec)?))
     }
 
     /// TOML text.
     #[staticmethod]
     fn from_toml(py: Python<'_>, text: String) -> PyResult<Self> {
-        guarded(py, || {
-            Ok(Self {
-                model: toml_file::load("toml text", &text)?,
-            })
-        })
+        guarded(py, || Self::of(toml_file::load("toml text", &text)?))
     }
 
     /// URDF text; `tip` is the last link, or the end of the longest chain.
     #[staticmethod]
     fn from_urdf(py: Python<'_>, text: String, tip: Option<String>) -> PyResult<Self> {
         guarded(py, || {
-            Ok(Self {
-                model: robots::load_urdf_text("urdf text", &text, tip.as_deref())?,
-            })
+            Self::of(robots::load_urdf_text_path("urdf text", &text, tip.as_deref())?)
         })
     }
 
@@ -98,7 +149,8 @@ impl NativeRobot {
 
     #[getter]
     fn joint_names(&self) -> Vec<String> {
-        self.model.joint_names.clone()
+        let columns = self.path.as_ref().map(|path| path.columns.clone());
+        columns.unwrap_or_else(|| self.model.joint_names.clone())
     }
 
     #[getter]
@@ -112,9 +164,13 @@ impl NativeRobot {
         self.model.tool.tcp_m
     }
 
-    /// Joint limits: least and greatest angle, in rad.
+    /// Joint limits: least and greatest position, in rad or m.
     #[getter]
     fn limits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        if let Some(path) = &self.path {
+            let ranges = self.model.column_ranges(path);
+            return matrix(py, 2, ranges.into_iter().flat_map(|(low, high)| [low, high]).collect());
+        }
         let joints = &self.model.robot.joints;
         matrix(
             py,
@@ -145,17 +201,15 @@ impl NativeRobot {
             .tool
             .check()
             .map_err(|e| Failure::input("tool", format!("{tcp_m:?}"), &e.to_string()))?;
-        Ok(Self { model })
+        let path = self.path.clone();
+        Ok(Self { model, path })
     }
 
     /// TCP frames in the root frame: N x 4 x 4.
     fn fk<'py>(&self, py: Python<'py>, q: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray3<f64>>> {
         let rows = Rows::joints(&q, self.dof())?;
         let frames = guarded(py, || {
-            Ok(rows
-                .rows()
-                .flat_map(|q| homogeneous(&tcp_frame(&self.model, q)))
-                .collect())
+            Ok(rows.rows().flat_map(|q| homogeneous(&self.tcp_frame(q))).collect())
         })?;
         matrices(py, [4, 4], frames)
     }
@@ -167,18 +221,7 @@ impl NativeRobot {
         let values = guarded(py, || {
             let mut values = Vec::with_capacity(rows.values.len() * 6);
             for q in rows.rows() {
-                let tcp = tcp_frame(&self.model, q).position;
-                let mut jacobian = vec![0.0; 6 * n];
-                for (i, frame) in table_frames(&self.model.rows(), q).iter().enumerate() {
-                    let frame = compose(&self.model.base, frame);
-                    let z = frame.z();
-                    let v = z.cross(&(tcp - frame.position));
-                    for k in 0..3 {
-                        jacobian[k * n + i] = v[k];
-                        jacobian[(k + 3) * n + i] = z[k];
-                    }
-                }
-                values.extend(jacobian);
+                values.extend(self.jacobian_at(q));
             }
             Ok(values)
         })?;
@@ -205,6 +248,7 @@ impl NativeRobot {
             None => None,
         };
         guarded(py, || {
+            self.hinges_alone()?;
             let chain = chain(&self.model)?;
             if let Some(q) = near.as_ref().and_then(|near| chain.solve_from(&at, near)) {
                 return Ok(q);
@@ -226,7 +270,10 @@ impl NativeRobot {
     /// All solutions that were found, one a row.
     fn ik_all<'py>(&self, py: Python<'py>, target: PyReadonlyArray2<'_, f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let at = self.in_table(&pose(&target)?);
-        let all = guarded(py, || Ok(chain(&self.model)?.solve(&at)))?;
+        let all = guarded(py, || {
+            self.hinges_alone()?;
+            Ok(chain(&self.model)?.solve(&at))
+        })?;
         matrix(py, self.dof(), all.concat())
     }
 

@@ -294,3 +294,47 @@ def test_other_threads_run_meanwhile(tmp_path):
     ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=600, check=False, cwd=tmp_path)
     assert ran.returncode == 0, ran.stderr
     assert int(ran.stdout) > 5
+
+
+def lifted(bend=0.0):
+    """An arm on a lift; `bend` is an error of its origins, in m and rad."""
+    kinds = [("lift", "prismatic", "0 0 1")]
+    kinds += [(f"j{k}", "revolute", axis) for k, axis in enumerate(["0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0"], 1)]
+    text = '<robot name="lifted"><link name="l0"/>'
+    for k, (name, kind, axis) in enumerate(kinds):
+        error = bend * (-1) ** k
+        text += (
+            f'<link name="l{k + 1}"/><joint name="{name}" type="{kind}"><origin xyz="{0.05 + error} 0.02 {0.25 - error}" '
+            f'rpy="{error} 0 {2 * error}"/><parent link="l{k}"/><child link="l{k + 1}"/><axis xyz="{axis}"/>'
+            '<limit lower="-2" upper="2" velocity="1" effort="10"/></joint>'
+        )
+    return text + "</robot>"
+
+
+# Fails if a chain with a slide is refused, if kinematics or Jacobian of one are wrong, if its calibrated robot is further from
+# the arm than 0.1 mm, or if what does not know slides takes it in silence.
+def test_an_arm_on_a_lift_is_identified():
+    nominal, real = (Robot(lifted(bend)).with_tool((0.02, 0.01, 0.12)) for bend in (0.0, 1e-3))
+    assert nominal.joints == 7 and nominal.joint_names[0] == "lift"
+    assert nominal.limits.shape == (7, 2)
+    rng = np.random.default_rng(4)
+    q = rng.uniform(-1.5, 1.5, (200, 7))
+    points = real.fk(q)[:, :3, 3]
+    step = 1e-6
+    for k in range(7):
+        moved = q[0] + step * np.eye(7)[k]
+        assert np.allclose((real.fk(moved)[:3, 3] - points[0]) / step, real.jacobian(q[0])[:3, k], atol=1e-5)
+    found = spherecal.identify(q, robot=nominal, points=points + rng.normal(0, 5e-5, points.shape))
+    assert found.robot.joints == 7
+
+    def off(robot):
+        own = robot.fk(q)[:, :3, 3]
+        a, b = own - own.mean(0), points - points.mean(0)
+        u, _, vt = np.linalg.svd(a.T @ b)
+        turn = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
+        return np.linalg.norm(a @ turn - b, axis=1).mean()
+
+    assert off(found.robot) < 1e-4 < 1e-3 < off(nominal)
+    for refused in [lambda: nominal.ik(nominal.fk(q[0])), lambda: found.predict(q), lambda: found.compensate(q)]:
+        with pytest.raises(spherecal.InputError, match="prismatic"):
+            refused()

@@ -107,9 +107,10 @@ fn wanted(args: &BagArgs, names: Vec<String>, model: &RobotModel) -> Result<Want
     // Exported telemetry has the names of the URDF that is made for a robot without one.
     let made = model.frame_tree(&model.tool_in_table()).joint_names().to_vec();
     // Joints that slide are recorded too, and those that follow others need not be.
-    let columns = model.joint_path().map_err(CliError::input)?.columns;
+    let path = model.joint_path().map_err(CliError::input)?;
+    let plain = path.odd_joint().is_none();
+    let columns = path.columns;
     let n = columns.len();
-    let plain = model.clone().plain().is_ok();
     let (joints, other_joints) = match (names.is_empty(), plain, model.joint_names.is_empty()) {
         (false, ..) => (names, Vec::new()),
         (true, false, _) => (columns, Vec::new()),

@@ -3,7 +3,7 @@
 use spherecal_explain::{Explanation, Subject, explain, look};
 use spherecal_identify::IdentifyError;
 use spherecal_identify::evaluate::{EvaluateError, UNLIKE};
-use spherecal_identify::study::{Sources, Study, StudyError, StudyRequest, assemble};
+use spherecal_identify::study::{Sources, StudyError, StudyRequest, assemble};
 use spherecal_model::input::InputError;
 
 /// Whether a refusal may come from a mistake in the table as a whole.
@@ -26,7 +26,7 @@ pub(super) fn may_explain(error: &StudyError) -> bool {
 pub(super) fn explained(request: &StudyRequest, sources: Sources<'_>) -> Result<Explanation, StudyError> {
     let loaded = assemble(request, sources, &mut |_| {})?;
     // The options that correct a table count its columns, the search the hinges.
-    if loaded.model.clone().plain().is_err() {
+    if loaded.model.joint_path()?.odd_joint().is_some() {
         return Err(InputError::Field {
             file: "command line".to_owned(),
             field: "--explain".to_owned(),
@@ -43,15 +43,15 @@ pub(super) fn explained(request: &StudyRequest, sources: Sources<'_>) -> Result<
     )))
 }
 
-/// What can be told of the table of a study without a search.
-pub(super) fn remarks(study: &Study) -> Vec<String> {
-    let experiment = &study.recordings.experiment;
-    look(&Subject::new(
-        &study.model,
+/// What can be told of the table of a request without a search. `None` for one that cannot be read, which the study refuses.
+pub(super) fn looked_at(request: &StudyRequest, sources: Sources<'_>) -> Option<Explanation> {
+    let loaded = assemble(request, sources, &mut |_| {}).ok()?;
+    let experiment = &loaded.recordings.experiment;
+    Some(look(&Subject::new(
+        &loaded.model,
         &experiment.observations,
         &experiment.spheres,
-    ))
-    .sentences()
+    )))
 }
 
 /// A refusal with what the search says to it, and with the notes on how the tables were read.

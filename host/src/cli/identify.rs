@@ -14,6 +14,7 @@ use super::out::{errln, outln};
 use super::stages;
 use super::study_progress::StudyProgress;
 use super::table::{TableArgs, put_right};
+use spherecal_explain::Explanation;
 use spherecal_identify::study::{
     Sources, StudyError, StudyRequest, StudyStep, TableSource, anonymous_csv, sources, study_of,
 };
@@ -319,6 +320,23 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
         view.finish();
         return say_what_is_wrong(&request, sources);
     }
+    let looked = explain::looked_at(&request, sources.clone());
+    let remarks = looked.as_ref().map(Explanation::sentences).unwrap_or_default();
+    if looked.is_some_and(|found| !found.found.is_empty()) {
+        view.finish();
+        return Err(CliError::input(format!(
+            "{}: {}",
+            request.data.display(),
+            remarks.join("\n  ")
+        )));
+    }
+    if !remarks.is_empty() {
+        view.finish();
+        for remark in &remarks {
+            errln!("spherecal: {remark}");
+        }
+        view = StudyProgress::new();
+    }
     let study = study_of(&request, sources.clone(), &mut |step| view.show(step));
     view.finish();
     let mut study = study.map_err(|error| {
@@ -332,7 +350,6 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
         let root = root_of_files(&study);
         study.model.slides = slides.directions().iter().map(|d| root.rotation.tr_mul(d)).collect();
     }
-    let remarks = explain::remarks(&study);
     study.notes.extend(remarks);
     if let Some(path) = &args.anonymise {
         write_new(path, &anonymous_csv(&study.recordings))?;

@@ -4,13 +4,13 @@
 use std::path::Path;
 
 use clap::Args;
-use spherecal_explain::{Slides, slides};
+use spherecal_explain::{Slides, hinges};
 use spherecal_identify::study::StudyRequest;
 use spherecal_model::input::{
     Adjustments, ColumnMapping, InputError, Labels, MOST_FILE_BYTES, Recorded, Table, TableFormat, read_csv, recorded,
 };
-use spherecal_model::robots::{JointKind, JointPath, RobotModel};
-use spherecal_model::{Observation, open_regular};
+use spherecal_model::open_regular;
+use spherecal_model::robots::RobotModel;
 
 use super::bag::BagTables;
 use super::exit::CliError;
@@ -84,7 +84,8 @@ pub struct TableArgs {
     /// The measured poses are those of the instrument in the frame of the tool.
     #[arg(long, help_heading = "The table", requires = "data")]
     pub invert_poses: bool,
-    /// Rows by which the measurements lag behind their joint angles.
+    /// Rows by which the measurements lag behind their joint angles; parts of a row, such as 0.6, where the arm moved while
+    /// it was measured.
     #[arg(
         long,
         help_heading = "The table",
@@ -93,7 +94,7 @@ pub struct TableArgs {
         requires = "data",
         allow_hyphen_values = true
     )]
-    pub shift_rows: i64,
+    pub shift_rows: f64,
 }
 
 fn refuse(option: &str, value: &str, remedy: &str) -> CliError {
@@ -221,51 +222,6 @@ fn looked_at(
     recorded(&path.display().to_string(), file, format, mapping).map(Some)
 }
 
-/// Turns a table of the columns of a path into one of the hinges of its table, with the slides at zero. The first table
-/// gives the motion of the slides, also for a later one.
-fn hinges(
-    path: &JointPath,
-    tool: [f64; 3],
-    table: &mut Table,
-    motion: &mut Option<Slides>,
-    notes: &mut Vec<String>,
-) -> Result<(), CliError> {
-    if slides(path) && motion.is_none() {
-        let observations: Vec<Observation> = table
-            .rows()
-            .map(|row| Observation {
-                q: row.q.to_vec(),
-                tau: None,
-                target: row.target(),
-                set: row.set.unwrap_or_default(),
-                seat: None,
-            })
-            .collect();
-        let found = Slides::fit(path, &tool.into(), &observations).map_err(CliError::input)?;
-        let names: Vec<&str> = path
-            .joints
-            .iter()
-            .filter(|j| j.kind == JointKind::Slides)
-            .map(|j| j.name.as_str())
-            .collect();
-        notes.push(format!(
-            "the motion of the sliding joints ({}) was fitted with the whole chain (to {:.3} mm) and taken out of the points: \
-             the turning joints are calibrated, and calibrated.urdf has the directions of the slides",
-            names.join(", "),
-            found.left_m * 1e3
-        ));
-        *motion = Some(found);
-    }
-    if table.rows().any(|row| row.tau.is_some()) {
-        notes.push("torques are of the table's columns and not of the hinges: they are not used".to_owned());
-    }
-    table.with_joints(|columns| {
-        let shift = motion.as_ref().map_or([0.0; 3], |m| m.shift(columns).into());
-        (path.table_angles(&path.positions(columns)), shift)
-    });
-    Ok(())
-}
-
 /// Puts the tables of a request right, in place of its files: columns, corrections, joints that slide or follow others.
 /// What was done goes to the tables' notes. Then the request's column options are used up. Returns the motion of the
 /// sliding joints, where there are some.
@@ -279,7 +235,7 @@ pub(super) fn put_right(
     tables: &mut BagTables,
 ) -> Result<Option<Slides>, CliError> {
     let path = model.joint_path().map_err(CliError::input)?;
-    let plain = model.clone().plain().is_ok();
+    let plain = path.odd_joint().is_none();
     let n = path.columns.len();
     let adjust = args.adjustments(n)?;
     let mapping = ColumnMapping::parse(&args.columns, args.ignore_rest).map_err(CliError::input)?;
@@ -328,7 +284,8 @@ pub(super) fn put_right(
             let mut table: Table = read_csv(&name, csv.as_bytes(), &format, &mut places).map_err(CliError::input)?;
             adjust.apply(&mut table).map_err(CliError::input)?;
             if !plain {
-                hinges(&path, tool, &mut table, &mut motion, notes)?;
+                let done = hinges(&path, &tool.into(), &mut table, &mut motion).map_err(CliError::input)?;
+                notes.extend(done);
             }
             let label = request.holdout.as_deref().filter(|_| !table.labels.is_empty());
             *csv = table.to_csv(&places, label);

@@ -1,14 +1,17 @@
-//! Chains of more joints than a controller drives: an arm on a torso, on a torso on a rail, and twenty hinges.
+//! Chains that are no plain arm: on a torso, on a torso on a rail, of twenty hinges, from one hand to the other, and from the
+//! camera in the head to a hand.
 
 use std::path::Path;
 
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
+use serde_json::json;
 use spherecal::model::robots::frames::{compose, from_rpy};
 use spherecal::model::robots::{JointPath, load_path};
 use spherecal::model::{Pose, fit_pose};
 
+use crate::field::{check, python};
 use crate::support::{spherecal, text};
 
 /// TCP in the flange frame, in m.
@@ -55,7 +58,8 @@ fn humanoid(rail: bool) -> String {
     out += "torso_1_joint revolute base_link torso_1_link 0,0,0.0722 z -1.26 1.26
         torso_2_joint revolute torso_1_link torso_2_link 0,0,0 y -0.23 0.73
         head_1_joint revolute torso_2_link head_1_link 0.02,0,0.321 y -0.2 0.78
-        head_2_joint revolute head_1_link head_2_link 0,0,0 z -1.3 1.3\n";
+        head_2_joint revolute head_1_link head_2_link 0,0,0 z -1.3 1.3
+        camera_joint fixed head_2_link camera_link 0.07,0.02,0.11 z 0 0\n";
     for (side, y) in [("left", 1.0), ("right", -1.0)] {
         let arm = [
             (format!("0,{},0.232", 0.1575 * y), "z", -1.57, 0.52),
@@ -201,7 +205,7 @@ fn plain_fit(nominal: &JointPath, rows: &[(Vec<f64>, Vector3<f64>)]) -> (JointPa
 }
 
 /// Identifies an arm of `urdf` between `ends` from 200 points in a table with the columns in another order, and with those
-/// of joints that are not on the chain. Fails if `calibrated.urdf` is further from the arm in new postures than 1.1 times
+/// of joints that are not on the chain. Fails if yourdfpy finds the tool elsewhere in `calibrated.urdf`, or if `calibrated.urdf` is further from the arm in new postures than 1.1 times
 /// what plain least squares finds, or is not the arm of `calibrated.toml`.
 fn circle(folder: &Path, urdf: &str, ends: &str, others: &[&str], tcp: &str) -> String {
     std::fs::write(folder.join("arm.urdf"), urdf).expect("written");
@@ -264,6 +268,8 @@ fn circle(folder: &Path, urdf: &str, ends: &str, others: &[&str], tcp: &str) -> 
     );
     assert!(found < 1.1 * plain, "{found} m, plain least squares {plain} m");
 
+    by_yourdfpy(folder, &path, (root, tcp), &new);
+
     // The table holds the hinges, and the file with its slides at zero.
     let other = load_path(&folder.join("out/calibrated.toml").display().to_string()).expect("read");
     let slides = path.joints.len() - other.robot.dof();
@@ -278,6 +284,40 @@ fn circle(folder: &Path, urdf: &str, ends: &str, others: &[&str], tcp: &str) -> 
         assert!(apart < 1e-9, "{apart} m");
     }
     said
+}
+
+/// Fails if yourdfpy finds the tool centre point of `calibrated.urdf` elsewhere than its path, by more than 1e-9 m.
+fn by_yourdfpy(folder: &Path, path: &JointPath, ends: (&str, &str), rows: &[(Vec<f64>, Vector3<f64>)]) {
+    let Some(python) = python() else { return };
+    let file = folder.join("out/calibrated.urdf");
+    let written = std::fs::read_to_string(&file).expect("a URDF");
+    let document = roxmltree::Document::parse(&written).expect("XML");
+    let moving = document
+        .descendants()
+        .filter(|n| n.has_tag_name("joint") && matches!(n.attribute("type"), Some("revolute" | "prismatic")));
+    let joints: Vec<&str> = moving.filter_map(|n| n.attribute("name")).collect();
+    let one = |(q, _): &(Vec<f64>, Vector3<f64>)| {
+        let value = |name: &&str| path.columns.iter().position(|c| c == name).map_or(0.0, |k| q[k]);
+        let tip = path.frames(&path.positions(q)).tip;
+        let row = |k: usize| {
+            json!([
+                tip.rotation[(k, 0)],
+                tip.rotation[(k, 1)],
+                tip.rotation[(k, 2)],
+                tip.position[k]
+            ])
+        };
+        let all: Vec<f64> = joints.iter().map(value).collect();
+        json!({ "q": all, "pose": [row(0), row(1), row(2), [0, 0, 0, 1]] })
+    };
+    let cases: Vec<_> = rows.iter().take(50).map(one).collect();
+    let wanted = json!({ "base": ends.0, "flange": ends.1, "joints": joints, "cases": cases });
+    let given = folder.join("cases.json");
+    std::fs::write(&given, wanted.to_string()).expect("written");
+    let found = check(&python, "tests/python/check_urdf.py", &[&file, &given]);
+    let largest = |name: &str| found[name].as_f64().expect("a number");
+    assert!(largest("distance_m").max(largest("rotation")) < 1e-9, "{found}");
+    println!("yourdfpy: {found}");
 }
 
 const OTHERS: [&str; 8] = [
@@ -320,6 +360,36 @@ fn slow_an_arm_on_a_torso_on_a_rail_is_identified() {
         &humanoid(true),
         "world:wrist_left_tool_link",
         &OTHERS,
+        "talos_tcp",
+    );
+}
+
+// The same from one hand to the other, as a gauge that both hold measures it: seven joints up and seven down.
+#[test]
+#[ignore = "slow: the gate runs it"]
+fn slow_an_arm_seen_from_the_other_is_identified() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let ends = "wrist_left_tool_link:wrist_right_tool_link";
+    let said = circle(
+        folder.path(),
+        &humanoid(false),
+        ends,
+        &["torso_1_joint", "head_1_joint"],
+        "talos_tcp",
+    );
+    assert!(!said.contains("carry the base"), "{said}");
+}
+
+// The same for a hand that the camera in the head sees.
+#[test]
+#[ignore = "slow: the gate runs it"]
+fn slow_a_hand_seen_from_the_head_is_identified() {
+    let folder = tempfile::tempdir().expect("a folder");
+    circle(
+        folder.path(),
+        &humanoid(true),
+        "camera_link:wrist_left_tool_link",
+        &["torso_1_joint", "torso_2_joint", "rail_joint"],
         "talos_tcp",
     );
 }

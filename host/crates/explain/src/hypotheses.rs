@@ -103,6 +103,21 @@ fn of_joints(n: usize) -> Vec<(String, Adjustments)> {
     out
 }
 
+/// The hypothesis of a stream whose measurements lag behind by so many rows.
+pub(crate) fn delay(rows: f64) -> Hypothesis {
+    Hypothesis {
+        words: format!(
+            "the arm moved while it was measured, and the measurements are {:.3} rows {} for their joint angles",
+            rows.abs(),
+            if rows > 0.0 { "late" } else { "early" }
+        ),
+        change: Change::Table(Adjustments {
+            shift: rows,
+            ..Adjustments::default()
+        }),
+    }
+}
+
 /// All single hypotheses. `points` are measured in an instrument's frame, `poses` have orientations.
 pub(crate) fn singles(n: usize, points: bool, poses: bool, tool: bool, robots: &[&'static str]) -> Vec<Hypothesis> {
     let plain = Adjustments::default;
@@ -134,7 +149,7 @@ pub(crate) fn singles(n: usize, points: bool, poses: bool, tool: bool, robots: &
             },
         ));
     }
-    for (shift, words) in [(1, "a row late"), (-1, "a row early")] {
+    for (shift, words) in [(1.0, "a row late"), (-1.0, "a row early")] {
         tables.push((
             format!("the measurements stand {words} beside their joint angles"),
             Adjustments { shift, ..plain() },
@@ -172,7 +187,7 @@ fn overlap(a: &Adjustments, b: &Adjustments) -> bool {
         || zeros(a, b)
         || a.couples.iter().any(|c| b.couples.iter().any(|d| d.0 == c.0))
         || (a.point_factor != 1.0 && b.point_factor != 1.0)
-        || (a.shift != 0 && b.shift != 0)
+        || (a.shift != 0.0 && b.shift != 0.0)
 }
 
 /// Pairs of single hypotheses on the table.

@@ -21,7 +21,7 @@ mod search;
 mod slides;
 mod words;
 
-pub use slides::{Slides, SlidesError, slides};
+pub use slides::{Slides, SlidesError, hinges};
 
 use nalgebra::Vector3;
 use spherecal_model::input::Adjustments;

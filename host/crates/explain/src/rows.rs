@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use nalgebra::{DVector, Matrix3, Vector3};
-use spherecal_model::input::Adjustments;
+use spherecal_model::input::{Adjustments, between};
 use spherecal_model::{Observation, Sphere, Target};
 
 /// A row: joint columns and where the TCP was.
@@ -55,21 +55,18 @@ pub(crate) fn some(rows: &[Row], most: usize) -> Vec<Row> {
 
 /// Corrected rows, at most `most`.
 pub(crate) fn adjusted(rows: &[Row], adjust: &Adjustments, most: usize) -> Vec<Row> {
-    let by = usize::try_from(adjust.shift.unsigned_abs())
-        .unwrap_or(usize::MAX)
-        .min(rows.len());
-    let (joints, targets) = if adjust.shift >= 0 { (0, by) } else { (by, 0) };
-    let count = rows.len() - by;
+    let (first, count) = adjust.shifted_rows(rows.len());
     let take = count.min(most).max(1);
     let n = rows.first().map_or(0, |r| r.q.len());
     let (map, zero) = adjust.joint_map(n);
+    let columns = |k: usize| rows.get(k).map(|row| row.q.as_slice());
     let mut out = Vec::with_capacity(take);
     for k in 0..take {
-        let i = k * count / take;
-        let (Some(joint), Some(target)) = (rows.get(i + joints), rows.get(i + targets)) else {
+        let i = first + k * count / take;
+        let (Some(columns), Some(target)) = (between(&columns, i as f64 - adjust.shift), rows.get(i)) else {
             continue;
         };
-        let q = &map * DVector::from_column_slice(&joint.q) + &zero;
+        let q = &map * DVector::from_vec(columns) + &zero;
         let (turn, at) = match &target.turn {
             Some(turn) => {
                 let (turn, at) = adjust.frame(turn, &target.at);

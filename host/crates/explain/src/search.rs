@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use spherecal_model::input::Adjustments;
 use spherecal_model::robots::{JointPath, built_in};
+use spherecal_model::statistics::median;
 use spherecal_shared::robot::BUILT_IN;
 
 use crate::fit::{Effort, Fitted, fit};
@@ -20,6 +21,13 @@ const THROUGH: [usize; 2] = [10, 24];
 const TOOL_M: f64 = 0.02;
 /// That of a TCP that nobody gave, in m.
 const FREE_TOOL_M: f64 = 0.3;
+
+/// Largest step of a joint (rad) between rows that follow each other in a stream: at 0.5 m from the axis 50 mm.
+const STREAM_RAD: f64 = 0.1;
+/// Delays that are tried first, in rows: at 1 kHz up to 0.1 s, at 10 Hz from 30 ms.
+const DELAYS: [f64; 6] = [0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
+/// Width in which a delay is found, in rows: at [`STREAM_RAD`] per row 1 mrad.
+const DELAY_ROWS: f64 = 0.01;
 
 /// A subject with all that a fit needs.
 struct Search<'a> {
@@ -141,7 +149,17 @@ fn still(rows: &[Row]) -> Vec<(usize, f64)> {
     (0..n).map(|k| (k, range(k))).filter(|r| r.1 < STILL_RAD).collect()
 }
 
-/// What needs no search: a controller's readout, and joints that hardly move. `None` in place of a search for too few rows.
+/// Whether the rows follow each other in small steps: an arm that was recorded while it moved.
+fn is_stream(rows: &[Row]) -> bool {
+    let step = |pair: &[Row]| match pair {
+        [a, b] => a.q.iter().zip(&b.q).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max),
+        _ => 0.0,
+    };
+    let steps: Vec<f64> = rows.windows(2).map(step).collect();
+    rows.len() >= ROWS[1] && median(steps) < STREAM_RAD
+}
+
+/// What needs no search: a controller's readout, joints that hardly move, and the delay of a stream. `None` in place of a search for too few rows.
 fn looked_at<'a>(subject: &'a Subject<'a>) -> (Explanation, Option<Search<'a>>) {
     let rows = rows(subject.observations, subject.spheres);
     let n = subject.path.columns.len();
@@ -163,6 +181,14 @@ fn looked_at<'a>(subject: &'a Subject<'a>) -> (Explanation, Option<Search<'a>>) 
     };
     // Distances between spheres say nothing of where the numbers come from.
     out.readout = search.measures_points() && search.is_readout();
+    if is_stream(&search.rows) && search.measures_points() {
+        out.own_m = search
+            .fit(&Change::Table(Adjustments::default()), ROWS[2], true, 30)
+            .median_m;
+        let delays = search.delay().map(crate::hypotheses::delay);
+        let scored = search.judged(delays.into_iter().collect(), &[]);
+        out.found = search.winners(out.own_m, scored);
+    }
     (out, Some(search))
 }
 
@@ -180,11 +206,18 @@ pub(crate) fn search(subject: &Subject<'_>) -> Explanation {
     let others = others.filter_map(|name| Some((name, built_in(name)?.table_path())));
     search.robots = others.filter(|r| r.1.columns.len() == n).collect();
     let nothing = Change::Table(Adjustments::default());
-    out.own_m = search.fit(&nothing, ROWS[2], true, 30).median_m;
+    if !out.own_m.is_finite() {
+        out.own_m = search.fit(&nothing, ROWS[2], true, 30).median_m;
+    }
     let points = search.measures_points();
     let poses = search.rows.iter().any(|r| r.turn.is_some());
     let names: Vec<&'static str> = search.robots.iter().map(|r| r.0).collect();
-    let singles = singles(n, points, poses, search.given_tool, &names);
+    let mut singles = singles(n, points, poses, search.given_tool, &names);
+    singles.extend(
+        out.found
+            .iter()
+            .map(|found| crate::hypotheses::delay(found.adjust.shift)),
+    );
     out.tried = singles.len();
     let scored = search.judged(singles.clone(), &[(ROWS[1], 8, THROUGH[0])]);
     let best = scored.first().map_or(f64::INFINITY, |s| s.fitted.median_m);
@@ -204,6 +237,34 @@ impl Search<'_> {
     fn measures_points(&self) -> bool {
         let contact = |o: &spherecal_model::Observation| matches!(o.target, spherecal_model::Target::Sphere { .. });
         !self.subject.observations.iter().all(contact)
+    }
+
+    /// The delay (in rows) with which the rows of a stream fit best, between those of [`DELAYS`]: the score falls towards it
+    /// from both sides. `None` where it is that of the table as it is.
+    fn delay(&self) -> Option<f64> {
+        let most = self.rows.len() as f64 / 4.0;
+        let score = |shift: f64| {
+            let adjust = Adjustments {
+                shift,
+                ..Adjustments::default()
+            };
+            self.fit(&Change::Table(adjust), ROWS[1], false, 8).median_m
+        };
+        let both = DELAYS.iter().rev().map(|d| -d).chain([0.0]).chain(DELAYS);
+        let tried: Vec<f64> = both.filter(|d| d.abs() < most).collect();
+        let scores: Vec<f64> = tried.iter().map(|d| score(*d)).collect();
+        let best = (0..tried.len()).min_by(|a, b| scores[*a].total_cmp(&scores[*b]))?;
+        let (mut low, mut high) = (*tried.get(best.checked_sub(1)?)?, *tried.get(best + 1)?);
+        while high - low > DELAY_ROWS {
+            let (a, b) = (low + 0.382 * (high - low), low + 0.618 * (high - low));
+            if score(a) < score(b) {
+                high = b;
+            } else {
+                low = a;
+            }
+        }
+        let found = (0.5 * (low + high) / DELAY_ROWS).round() * DELAY_ROWS;
+        (found != 0.0).then_some(found)
     }
 
     /// Whether the targets are the nominal model's own: only base and TCP are fitted.

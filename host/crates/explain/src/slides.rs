@@ -6,6 +6,7 @@
 //! the slide is that of the fit: in first order its least-squares error.
 
 use nalgebra::Vector3;
+use spherecal_model::input::Table;
 use spherecal_model::robots::{JointKind, JointPath};
 use spherecal_model::{Observation, Target};
 
@@ -82,9 +83,48 @@ impl Slides {
     }
 }
 
-/// Whether a path has a sliding joint.
-pub fn slides(path: &JointPath) -> bool {
-    path.joints.iter().any(|joint| joint.kind == JointKind::Slides)
+/// Turns a table of the columns of a path into one of the hinges of its table, with the slides at zero. `tool` is the TCP in
+/// the flange frame, in m. The first table gives the motion of the slides, also for a later one. Returns what was done.
+///
+/// # Errors
+/// As [`Slides::fit`].
+pub fn hinges(
+    path: &JointPath,
+    tool: &Vector3<f64>,
+    table: &mut Table,
+    motion: &mut Option<Slides>,
+) -> Result<Vec<String>, SlidesError> {
+    let mut notes = Vec::new();
+    let slides = path.joints.iter().filter(|joint| joint.kind == JointKind::Slides);
+    let names: Vec<&str> = slides.map(|joint| joint.name.as_str()).collect();
+    if !names.is_empty() && motion.is_none() {
+        let observations: Vec<Observation> = table
+            .rows()
+            .map(|row| Observation {
+                q: row.q.to_vec(),
+                tau: None,
+                target: row.target(),
+                set: row.set.unwrap_or_default(),
+                seat: None,
+            })
+            .collect();
+        let found = Slides::fit(path, tool, &observations)?;
+        notes.push(format!(
+            "the motion of the sliding joints ({}) was fitted with the whole chain (to {:.3} mm) and taken out of the points: \
+             the turning joints are calibrated, and calibrated.urdf has the directions of the slides",
+            names.join(", "),
+            found.left_m * 1e3
+        ));
+        *motion = Some(found);
+    }
+    if table.rows().any(|row| row.tau.is_some()) {
+        notes.push("torques are of the table's columns and not of the hinges: they are not used".to_owned());
+    }
+    table.with_joints(|columns| {
+        let shift = motion.as_ref().map_or([0.0; 3], |m| m.shift(columns).into());
+        (path.table_angles(&path.positions(columns)), shift)
+    });
+    Ok(notes)
 }
 
 #[cfg(test)]

@@ -1,5 +1,8 @@
 //! Mistakes made in the data of arms with errors of their own, and whether they are named.
 
+mod kinds;
+mod streams;
+
 use nalgebra::{DVector, Matrix3, Vector3};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -63,62 +66,79 @@ fn arms() -> Vec<RobotModel> {
 
 const TOOL: [f64; 3] = [0.03, -0.015, 0.12];
 
-/// Sound rows of an arm with errors: offsets of 5 mrad, origins off by 0.3 mm and 1 mrad (1 sigma).
+/// An arm with errors of its own, and where its base stands for the instrument.
+struct Real {
+    path: spherecal_model::robots::JointPath,
+    base: Pose<f64>,
+}
+
+fn normal(rng: &mut ChaCha8Rng) -> f64 {
+    (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0
+}
+
+impl Real {
+    /// Offsets of 5 mrad, origins off by 0.3 mm and 1 mrad (1 sigma).
+    fn new(model: &RobotModel, rng: &mut ChaCha8Rng) -> Self {
+        let mut path = model.joint_path().unwrap();
+        for joint in &mut path.joints {
+            let at = Vector3::from_fn(|_, _| normal(rng) * 3e-4);
+            let turn = from_rpy([normal(rng) * 1e-3, normal(rng) * 1e-3, normal(rng) * 5e-3]);
+            joint.origin = compose(
+                &joint.origin,
+                &Pose {
+                    rotation: turn,
+                    position: at,
+                },
+            );
+        }
+        let base = Pose {
+            rotation: from_rpy([
+                rng.random::<f64>() * 3.0,
+                rng.random::<f64>(),
+                rng.random::<f64>() * 6.0,
+            ]),
+            position: Vector3::new(2.0, -1.0, 0.5),
+        };
+        Self { path, base }
+    }
+
+    /// A row: joint angles that were recorded, and what was measured while the arm was at `at`.
+    fn row(&self, recorded: &[f64], at: &[f64], poses: bool, rng: &mut ChaCha8Rng) -> Observation {
+        let tip = compose(&self.base, &self.path.frames(&self.path.positions(at)).tip);
+        let at = tip.point(&Vector3::from(TOOL)) + Vector3::from_fn(|_, _| normal(rng) * NOISE_M);
+        let target = if poses {
+            Target::Frame(Box::new(Pose {
+                rotation: tip.rotation * from_rpy([0.3, 0.1, -0.4]),
+                position: at,
+            }))
+        } else {
+            Target::Point(at.into())
+        };
+        Observation {
+            q: recorded.to_vec(),
+            tau: None,
+            target,
+            set: Set::Calibrate,
+            seat: None,
+        }
+    }
+}
+
+/// Sound rows of an arm with errors.
 fn sound(model: &RobotModel, seed: u64, rows: usize, poses: bool) -> Vec<Observation> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut path = model.joint_path().unwrap();
-    let normal = |rng: &mut ChaCha8Rng| (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
-    for joint in &mut path.joints {
-        let at = Vector3::from_fn(|_, _| normal(&mut rng) * 3e-4);
-        let turn = from_rpy([
-            normal(&mut rng) * 1e-3,
-            normal(&mut rng) * 1e-3,
-            normal(&mut rng) * 5e-3,
-        ]);
-        joint.origin = compose(
-            &joint.origin,
-            &Pose {
-                rotation: turn,
-                position: at,
-            },
-        );
-    }
-    let base = Pose {
-        rotation: from_rpy([
-            rng.random::<f64>() * 3.0,
-            rng.random::<f64>(),
-            rng.random::<f64>() * 6.0,
-        ]),
-        position: Vector3::new(2.0, -1.0, 0.5),
+    let real = Real::new(model, &mut rng);
+    let mut any = |_| {
+        let limits = model.robot.joints.iter().map(|j| j.limits);
+        let q: Vec<f64> = limits
+            .map(|l| {
+                let (low, high) = (l.min_rad.max(-2.2), l.max_rad.min(2.2));
+                low + (high - low) * rng.random::<f64>()
+            })
+            .collect();
+        real.row(&q, &q, poses, &mut rng)
     };
-    (0..rows)
-        .map(|_| {
-            let limits = model.robot.joints.iter().map(|j| j.limits);
-            let q: Vec<f64> = limits
-                .map(|l| {
-                    let (low, high) = (l.min_rad.max(-2.2), l.max_rad.min(2.2));
-                    low + (high - low) * rng.random::<f64>()
-                })
-                .collect();
-            let tip = compose(&base, &path.frames(&path.positions(&q)).tip);
-            let at = tip.point(&Vector3::from(TOOL)) + Vector3::from_fn(|_, _| normal(&mut rng) * NOISE_M);
-            let target = if poses {
-                Target::Frame(Box::new(Pose {
-                    rotation: tip.rotation * from_rpy([0.3, 0.1, -0.4]),
-                    position: at,
-                }))
-            } else {
-                Target::Point(at.into())
-            };
-            Observation {
-                q,
-                tau: None,
-                target,
-                set: Set::Calibrate,
-                seat: None,
-            }
-        })
-        .collect()
+    (0..rows).map(&mut any).collect()
 }
 
 /// The rows as somebody would record them who makes the mistake that `adjust` corrects.
@@ -128,7 +148,7 @@ fn mistaken(rows: &[Observation], adjust: &Adjustments) -> Vec<Observation> {
     let back = map.try_inverse().unwrap();
     let mirror = Matrix3::from_diagonal(&Vector3::new(1.0, if adjust.mirror { -1.0 } else { 1.0 }, 1.0));
     let point = |p: &Vector3<f64>| mirror * p / adjust.point_factor;
-    let by = adjust.shift;
+    let by = adjust.shift as i64;
     let count = rows.len() as i64;
     (0..count)
         .filter_map(|k| {

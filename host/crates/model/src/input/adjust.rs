@@ -33,8 +33,8 @@ pub struct Adjustments {
     pub mirror: bool,
     /// The poses are those of the instrument in the frame of the body.
     pub invert: bool,
-    /// Rows by which the measurements lag behind their joint angles.
-    pub shift: i64,
+    /// Rows by which the measurements lag behind their joint angles; parts of a row where the rows are a stream.
+    pub shift: f64,
 }
 
 impl Default for Adjustments {
@@ -48,7 +48,7 @@ impl Default for Adjustments {
             point_factor: 1.0,
             mirror: false,
             invert: false,
-            shift: 0,
+            shift: 0.0,
         }
     }
 }
@@ -56,6 +56,30 @@ impl Default for Adjustments {
 /// The mirror of a left-handed frame: y counts the other way.
 fn mirror() -> Matrix3<f64> {
     Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0))
+}
+
+/// Values at a place between the rows of a stream: a cubic whose slope at a row is that between the rows beside it. `None`
+/// before the first row and behind the last.
+pub fn between<'a>(row: &dyn Fn(usize) -> Option<&'a [f64]>, at: f64) -> Option<Vec<f64>> {
+    if !(at >= 0.0) {
+        return None;
+    }
+    let (i, f) = (at.floor() as usize, at.fract());
+    let here = row(i)?;
+    if f == 0.0 {
+        return Some(here.to_vec());
+    }
+    let next = row(i + 1)?;
+    let (before, behind) = (i.checked_sub(1).and_then(row), row(i + 2));
+    let value = |(k, (a, b)): (usize, (&f64, &f64))| {
+        let half = |from: Option<f64>, to: Option<f64>| Some(0.5 * (to? - from?));
+        let of = |row: Option<&[f64]>| row.and_then(|row| row.get(k)).copied();
+        let out = half(of(before), Some(*b)).unwrap_or(b - a);
+        let into = half(Some(*a), of(behind)).unwrap_or(b - a);
+        let (square, cube) = (f * f, f * f * f);
+        a + (b - a) * (3.0 * square - 2.0 * cube) + out * (cube - 2.0 * square + f) + into * (cube - square)
+    };
+    Some(here.iter().zip(next).enumerate().map(value).collect())
 }
 
 impl Adjustments {
@@ -193,7 +217,8 @@ impl Adjustments {
                 );
             }
         }
-        if self.shift.unsigned_abs() >= table.len() as u64 {
+        // Not a number is refused, too.
+        if !(self.shift.abs() < table.len() as f64) {
             return refuse(
                 "--shift-rows",
                 format!("{} for {} rows", self.shift, table.len()),
@@ -246,31 +271,37 @@ impl Adjustments {
         Ok(())
     }
 
-    /// Gives each row of joint angles the measurement of a later row; rows without one are left out.
+    /// The rows of a table with `count` rows whose measurements have joint angles after the shift: the first, and how many.
+    pub fn shifted_rows(&self, count: usize) -> (usize, usize) {
+        let last = count.saturating_sub(1) as f64;
+        let (first, end) = (self.shift.ceil().max(0.0), (last + self.shift).floor().min(last) + 1.0);
+        (first as usize, (end - first).max(0.0) as usize)
+    }
+
+    /// Gives each measurement the joint angles of an earlier row (a later one for a negative shift); rows without are left
+    /// out.
     fn shift_rows(&self, table: &mut Table) {
-        let by = usize::try_from(self.shift.unsigned_abs()).unwrap_or(usize::MAX);
-        if by == 0 {
+        if self.shift == 0.0 {
             return;
         }
-        // (what belongs to the joints, what was measured): one loses its first rows, the other its last.
-        let (joints, measured) = if self.shift > 0 { (false, true) } else { (true, false) };
-        fn cut<T>(values: &mut Vec<T>, width: usize, by: usize, first: bool) {
-            let gone = (by * width).min(values.len());
-            if first {
-                values.drain(..gone);
-            } else {
-                values.truncate(values.len() - gone);
-            }
-        }
-        cut(&mut table.q, table.joints, by, joints);
+        let (first, count) = self.shifted_rows(table.len());
+        let width = table.joints;
+        let moved = |values: &[f64]| -> Vec<f64> {
+            let row = |k: usize| values.get(k * width..(k + 1) * width);
+            let at = |k: usize| between(&row, (first + k) as f64 - self.shift).unwrap_or_else(|| vec![f64::NAN; width]);
+            (0..count).flat_map(at).collect()
+        };
+        table.q = moved(&table.q);
         if !table.tau.is_empty() {
-            cut(&mut table.tau, table.joints, by, joints);
+            table.tau = moved(&table.tau);
         }
-        cut(&mut table.points, 3 * table.numbered, by, measured);
-        if !table.orientations.is_empty() {
-            cut(&mut table.orientations, 4, by, measured);
+        fn keep<T>(values: &mut Vec<T>, width: usize, first: usize, count: usize) {
+            values.truncate((first + count) * width);
+            values.drain(..(first * width).min(values.len()));
         }
-        cut(&mut table.fields, 1, by, measured);
+        keep(&mut table.points, 3 * table.numbered, first, count);
+        keep(&mut table.orientations, 4, first, count);
+        keep(&mut table.fields, 1, first, count);
     }
 
     /// The options of `identify` that do this.
@@ -322,7 +353,7 @@ impl Adjustments {
                 words.push(option.to_owned());
             }
         }
-        if self.shift != 0 {
+        if self.shift != 0.0 {
             words.push(format!("--shift-rows {}", self.shift));
         }
         words.join(" ")

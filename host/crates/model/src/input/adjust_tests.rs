@@ -79,11 +79,11 @@ fn corrections_do_what_they_say() {
     };
     assert_eq!(joints(&unit), (vec![0.1, 0.1, 0.3], vec![1.0, 2.0, 3.0]));
     let (mut table, _) = read(TABLE, 3);
-    Adjustments { shift: 1, ..plain() }.apply(&mut table).unwrap();
+    Adjustments { shift: 1.0, ..plain() }.apply(&mut table).unwrap();
     let row = table.rows().next().unwrap();
     assert_eq!((table.len(), row.q[0], row.point), (2, 0.1, Some([1.5, 1.25, 1.125])));
     let (mut table, _) = read(TABLE, 3);
-    Adjustments { shift: -1, ..plain() }.apply(&mut table).unwrap();
+    Adjustments { shift: -1.0, ..plain() }.apply(&mut table).unwrap();
     let row = table.rows().next().unwrap();
     assert_eq!((table.len(), row.q[0], row.point), (2, 0.4, Some([0.5, 0.25, 0.125])));
 }
@@ -128,7 +128,7 @@ fn corrections_that_do_nothing_are_refused() {
         ),
         (
             points,
-            Adjustments { shift: -2, ..plain() },
+            Adjustments { shift: -2.0, ..plain() },
             "--shift-rows is -2 for 2 rows",
         ),
     ] {

@@ -55,8 +55,10 @@ const JOINTS: [&str; 11] = [
     "joint_angle_",
 ];
 /// Columns that are known and not used.
-const UNUSED: [&str; 12] = [
+const UNUSED: [&str; 14] = [
+    "t",
     "time",
+    "time_ms",
     "time_s",
     "timestamp",
     "stamp",

@@ -92,7 +92,11 @@ pub(super) fn header(file: &str, names: Vec<String>, format: &TableFormat) -> Re
         if unknown.len() > 1 && unknown.iter().filter(|n| numbers(n)).count() > unknown.len() / 2 {
             return Err(refuse(
                 "the first line holds numbers, not names of columns".to_owned(),
-                format!("begin with a header line; known are {}", known(format)),
+                format!(
+                    "begin with a header line, or name the columns by their numbers: --columns joints=1,2,3 point_mm=4,5,6 for \
+                     three joints; known names are {}",
+                    known(format)
+                ),
             ));
         }
         return Err(InputError::UnknownColumns {

@@ -29,7 +29,7 @@ mod recorded;
 mod table;
 mod to_csv;
 
-pub use adjust::Adjustments;
+pub use adjust::{Adjustments, between};
 pub use cells::MOST_COLUMNS;
 pub use columns::{MOST_TARGETS, TableFormat};
 pub use csv_table::{MOST_FILE_BYTES, MOST_ROWS, ReadingProgress, read_csv, read_csv_file};

@@ -108,10 +108,14 @@ fn calibrated(model: &RobotModel, rows: &[MdhRow<f64>]) -> (Form, String, Vec<(S
     let own_flange = vendor.as_ref().map_or_else(Pose::identity, |_| model.flange);
     let model = vendor.as_ref().unwrap_or(model);
     let root = model.frame_names.0.clone();
-    let Origin::Urdf(source) = &model.origin else {
-        let mut out = from_table(model, rows);
-        out.extend(tip(&model.flange));
-        return (Form::Plain, root, out);
+    // A chain that goes up has no origins of joints in one line: those of the table.
+    let source = match &model.origin {
+        Origin::Urdf(source) if source.1.up == 0 => source,
+        _ => {
+            let mut out = from_table(model, rows);
+            out.extend(tip(&model.flange));
+            return (Form::Plain, root, out);
+        }
     };
     let (urdf, chain) = source.as_ref();
     let form = vendor::form(urdf, chain);

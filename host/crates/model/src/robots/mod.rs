@@ -13,6 +13,7 @@
 //!   FILE.conf ┘ (Universal Robots)
 //! ```
 
+mod chain_words;
 mod compare;
 mod compensator;
 mod error;
@@ -49,7 +50,7 @@ pub use model::{Origin, RobotModel, Tolerances, moved, near, table_frames};
 pub use path::{JointKind, JointPath, PathFrames, PathJoint, Twist};
 pub use standard_dh::{DhRow, StandardChain};
 pub use ur_parameters::UrParameters;
-pub use urdf_in::load as load_urdf_text;
+pub use urdf_in::{load as load_urdf_text, load_any as load_urdf_text_path};
 pub use urdf_out::{write_urdf, write_urdf_with_tcp};
 pub use vendor::{UR_MOTOR_KG_M2, ur_lengths};
 

@@ -13,9 +13,10 @@ use nalgebra::{Matrix3, Vector3};
 use spherecal_shared::robot::Pose;
 
 use super::error::RobotFileError;
-use super::frames::{compose, rot_axis, row_transform};
+use super::frames::{compose, inverse, rot_axis, row_transform};
 use super::model::{Origin, RobotModel};
 use super::urdf::{JointMotion, Urdf, UrdfChain, UrdfJoint};
+use super::urdf_in::axis_towards_tip;
 use crate::excerpt;
 
 /// Longest line of joints that each mimic the next.
@@ -95,6 +96,14 @@ pub struct Twist {
 }
 
 impl JointPath {
+    /// The first joint that slides or follows others: the columns of the path are not the angles of its table.
+    pub fn odd_joint(&self) -> Option<&PathJoint> {
+        let odd = |(k, joint): &(usize, &PathJoint)| {
+            joint.kind != JointKind::Turns || joint.offset != 0.0 || joint.terms != [(*k, 1.0)]
+        };
+        self.joints.iter().enumerate().find(odd).map(|(_, joint)| joint)
+    }
+
     /// Positions of all joints (rad, m) for measured `columns`; a missing column is zero.
     pub fn positions(&self, columns: &[f64]) -> Vec<f64> {
         let column = |k: usize| columns.get(k).copied().unwrap_or_default();
@@ -200,13 +209,22 @@ fn of_urdf(urdf: &Urdf, chain: &UrdfChain) -> Result<JointPath, RobotFileError> 
         end: Pose::identity(),
     };
     let mut origin = Pose::identity();
-    for &i in &chain.path {
+    for (k, &i) in chain.path.iter().enumerate() {
         let joint = &urdf.joints[i];
-        origin = compose(&origin, &joint.origin);
+        // What stands before the joint's motion, and what follows it.
+        let (before, behind) = if k < chain.up {
+            (Pose::identity(), inverse(&joint.origin))
+        } else {
+            (joint.origin, Pose::identity())
+        };
+        origin = compose(&origin, &before);
         let kind = match joint.motion {
             JointMotion::Turns => JointKind::Turns,
             JointMotion::Slides => JointKind::Slides,
-            JointMotion::Fixed | JointMotion::Other => continue,
+            JointMotion::Fixed | JointMotion::Other => {
+                origin = compose(&origin, &behind);
+                continue;
+            }
         };
         let (column, factor, offset) = law(urdf, joint)?;
         let number = path
@@ -220,8 +238,8 @@ fn of_urdf(urdf: &Urdf, chain: &UrdfChain) -> Result<JointPath, RobotFileError> 
         path.joints.push(PathJoint {
             name: joint.name.clone(),
             kind,
-            origin: std::mem::replace(&mut origin, Pose::identity()),
-            axis: joint.axis,
+            origin: std::mem::replace(&mut origin, behind),
+            axis: axis_towards_tip(urdf, chain, k, i),
             terms: vec![(number, factor)],
             offset,
         });
@@ -268,20 +286,29 @@ impl RobotModel {
         }
     }
 
-    /// Refuses a robot that its table does not describe alone: one with joints that slide or follow others. Everything
-    /// that commands an arm needs a plain one.
+    /// Refuses a robot that its table does not describe alone: one with joints that slide or follow others, or with a base
+    /// that its own joints carry. Everything that commands an arm needs a plain one.
     ///
     /// # Errors
-    /// The first such joint.
+    /// The first such joint, or the base.
     pub fn plain(self) -> Result<Self, RobotFileError> {
+        if let Origin::Urdf(source) = &self.origin
+            && source.1.up > 0
+        {
+            return Err(RobotFileError::Value {
+                path: source.0.path.clone(),
+                field: "base link".to_owned(),
+                value: source.1.root.clone(),
+                remedy: format!(
+                    "joints of the chain carry it: only `identify` and `robot show` take such a chain; name a base on the way \
+                     from the root to {}",
+                    excerpt(&source.1.tip)
+                ),
+            });
+        }
         let path = self.joint_path()?;
-        let odd = path
-            .joints
-            .iter()
-            .enumerate()
-            .find(|(k, joint)| joint.kind != JointKind::Turns || joint.offset != 0.0 || joint.terms != [(*k, 1.0)]);
-        match (odd, &self.origin) {
-            (Some((_, joint)), Origin::Urdf(source)) => Err(RobotFileError::Value {
+        match (path.odd_joint(), &self.origin) {
+            (Some(joint), Origin::Urdf(source)) => Err(RobotFileError::Value {
                 path: source.0.path.clone(),
                 field: format!("joint \"{}\": type", joint.name),
                 value: if joint.kind == JointKind::Slides {
@@ -298,75 +325,6 @@ impl RobotModel {
             }),
             _ => Ok(self),
         }
-    }
-}
-
-impl RobotModel {
-    /// The chain from base to tip in words: its frames and joints by name, and why it ends there. `None` for a robot that
-    /// is not from a URDF.
-    pub fn chain_words(&self) -> Option<String> {
-        let Origin::Urdf(source) = &self.origin else {
-            return None;
-        };
-        let (urdf, chain) = source.as_ref();
-        let names: Vec<String> = chain
-            .path
-            .iter()
-            .map(|&i| &urdf.joints[i])
-            .filter_map(|joint| match (joint.motion, &joint.mimic) {
-                (JointMotion::Fixed | JointMotion::Other, _) => None,
-                (_, Some(mimic)) => Some(format!("{} (follows {})", excerpt(&joint.name), excerpt(&mimic.leader))),
-                (JointMotion::Slides, None) => Some(format!("{} (slides)", excerpt(&joint.name))),
-                (JointMotion::Turns, None) => Some(excerpt(&joint.name)),
-            })
-            .collect();
-        Some(format!(
-            "{} - {} - {}: {}",
-            excerpt(&chain.root),
-            names.join(", "),
-            excerpt(&chain.tip),
-            chain.why
-        ))
-    }
-
-    /// Names of the joints of the file that move and are no columns of the chain; and of those of them that carry its
-    /// base.
-    ///
-    /// # Errors
-    /// As [`RobotModel::joint_path`].
-    pub fn other_joints(&self) -> Result<(Vec<String>, Vec<String>), RobotFileError> {
-        let Origin::Urdf(source) = &self.origin else {
-            return Ok((Vec::new(), Vec::new()));
-        };
-        let (urdf, chain) = source.as_ref();
-        let columns = self.joint_path()?.columns;
-        let moves = |joint: &&UrdfJoint| joint.motion != JointMotion::Fixed && !columns.contains(&joint.name);
-        let others = urdf.joints.iter().filter(moves).map(|joint| joint.name.clone());
-        let mut carriers = Vec::new();
-        let mut link = &chain.root;
-        // The bound ends a file whose links go in a circle.
-        for _ in 0..urdf.joints.len() {
-            let Some(joint) = urdf.joints.iter().find(|j| j.child == *link) else {
-                break;
-            };
-            carriers.extend(Some(joint).filter(moves).map(|joint| joint.name.clone()));
-            link = &joint.parent;
-        }
-        Ok((others.collect(), carriers))
-    }
-
-    /// Joints of the file that move and are not on the chain, each with its type and its parent link.
-    pub fn left_out(&self) -> Vec<String> {
-        let Origin::Urdf(source) = &self.origin else {
-            return Vec::new();
-        };
-        let (urdf, chain) = source.as_ref();
-        let beside = |(i, joint): &(usize, &UrdfJoint)| joint.motion != JointMotion::Fixed && !chain.path.contains(i);
-        let words = |(_, joint): (usize, &UrdfJoint)| {
-            let kind = if joint.mimic.is_some() { "mimic" } else { &joint.kind };
-            format!("{} ({kind}, on {})", excerpt(&joint.name), excerpt(&joint.parent))
-        };
-        urdf.joints.iter().enumerate().filter(beside).map(words).collect()
     }
 }
 

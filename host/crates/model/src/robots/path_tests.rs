@@ -174,3 +174,173 @@ fn found_directions_of_slides_are_written() {
     let q = [0.0, 0.3, -0.7, 0.0, 0.4];
     assert!(distance(&tip(&q), &model.flange_with(&rows, &[0.3, -0.7, 0.4])) < 1e-12);
 }
+
+/// A robot with two arms, of which the left one has a slide and a joint that follows another, and a head.
+fn two_arms() -> String {
+    let joint = |name: &str, kind: &str, parent: &str, child: &str, rpy: &str, more: &str| {
+        format!(
+            "<link name=\"{child}\"/>\n<joint name=\"{name}\" type=\"{kind}\"><parent link=\"{parent}\"/><child \
+             link=\"{child}\"/><origin xyz=\"0.1 0.2 0.3\" rpy=\"{rpy}\"/>{more}<limit lower=\"-1\" \
+             upper=\"1\"/></joint>\n"
+        )
+    };
+    let (x, y, z) = (
+        "<axis xyz=\"1 0 0\"/>",
+        "<axis xyz=\"0 1 0\"/>",
+        "<axis xyz=\"0 0 1\"/>",
+    );
+    let follows = "<axis xyz=\"0 1 0\"/><mimic joint=\"l2\" multiplier=\"-0.5\" offset=\"0.1\"/>";
+    [
+        "<robot name=\"r\"><link name=\"world\"/>\n".to_owned(),
+        joint("lift", "prismatic", "world", "torso", "0 0 0.5", z),
+        joint("turn", "revolute", "torso", "chest", "0.1 0 0.5", z),
+        joint("l1", "revolute", "chest", "left1", "0.2 0 0", x),
+        joint("l2", "revolute", "left1", "left2", "0 0.4 0", z),
+        joint("l3", "prismatic", "left2", "left3", "0.1 0.2 0.3", y),
+        joint("l4", "revolute", "left3", "left4", "0.1 0 0", follows),
+        joint("lt", "fixed", "left4", "left_tool", "0.1 0.7 0", ""),
+        joint("r1", "revolute", "chest", "right1", "0.2 0.3 0", y),
+        joint("rf", "fixed", "right1", "right_fork", "0.2 0.3 0.1", ""),
+        joint("r2", "revolute", "right_fork", "right2", "0 0.4 0", z),
+        joint("rt", "fixed", "right2", "right_tool", "0.3 0.1 0", ""),
+        joint("head", "revolute", "chest", "camera", "0.3 0.1 0", z),
+        "</robot>".to_owned(),
+    ]
+    .concat()
+}
+
+// Fails if a path that goes up and down again is not the inverse of one way from the root times the other, in path or table;
+// if a joint that is passed upwards moves the other way; or if the base of such a path is taken for that of a plain arm.
+#[test]
+fn a_path_goes_up_and_down_again() {
+    let text = two_arms();
+    let load = |ends: &str| super::super::urdf_in::load_path("r.urdf", &text, Some(ends), None).unwrap();
+    let values: [(&str, f64); 8] = [
+        ("lift", 0.2),
+        ("turn", 0.3),
+        ("l1", -0.4),
+        ("l2", 0.7),
+        ("l3", 0.15),
+        ("r1", 0.5),
+        ("r2", -0.8),
+        ("head", 0.2),
+    ];
+    let tip = |path: &JointPath| {
+        let value = |name: &String| values.iter().find(|(known, _)| known == name).unwrap().1;
+        let columns: Vec<f64> = path.columns.iter().map(value).collect();
+        path.frames(&path.positions(&columns)).tip
+    };
+    for (base, end) in [
+        ("left_tool", "right_tool"),
+        ("left4", "right_tool"),
+        ("camera", "left3"),
+        ("right_tool", "left_tool"),
+        ("left_tool", "chest"),
+        ("right2", "chest"),
+    ] {
+        let model = load(&format!("{base}:{end}"));
+        assert_eq!(model.frame_names, (base.to_owned(), end.to_owned()));
+        let path = model.joint_path().unwrap();
+        let [from, to] = [base, end].map(|link| tip(&load(&format!("world:{link}")).joint_path().unwrap()));
+        let expected = compose(&inverse(&from), &to);
+        assert!(distance(&tip(&path), &expected) < 1e-12, "{base}:{end}");
+        // The table, with the slides at zero.
+        let mut q = path.positions(&vec![0.2; path.columns.len()]);
+        for (q, joint) in q.iter_mut().zip(&path.joints) {
+            *q *= f64::from(joint.kind == JointKind::Turns);
+        }
+        let of_table = model.flange_at(&path.table_angles(&q));
+        assert!(distance(&path.frames(&q).tip, &of_table) < 1e-12, "{base}:{end}");
+        assert!(model.chain_words().unwrap().contains("upwards"));
+        assert!(model.other_joints().unwrap().1.is_empty());
+        let refused = model.plain().unwrap_err().to_string();
+        assert!(
+            refused.contains("base link") && refused.contains("joints of the chain carry it"),
+            "{refused}"
+        );
+    }
+    let shared = load("left_tool:right_tool").joint_path().unwrap().columns;
+    assert_eq!(shared, ["l2", "l3", "l1", "r1", "r2"]);
+}
+
+// Fails if the file of a corrected path that goes up and down again has not the kinematics of its table, or is another one
+// in anything but the origins of the path's joints and the axes of its slides.
+#[test]
+fn a_path_that_goes_up_is_written_back() {
+    let text = two_arms();
+    for ends in [
+        "left_tool:right_tool",
+        "camera:right_tool",
+        "right_tool:left_tool",
+        "left_tool:chest",
+    ] {
+        let load = |text: &str| super::super::urdf_in::load_path("r.urdf", text, Some(ends), None).unwrap();
+        let mut model = load(&text);
+        let mut rows = model.rows();
+        assert_eq!(super::super::write_urdf(&model, &rows, &[]), text, "{ends}");
+        // The first row belongs to the base.
+        for (k, row) in rows.iter_mut().enumerate().skip(1) {
+            row.theta += 0.02 * k as f64;
+            row.alpha -= 0.01;
+            row.a += 0.003;
+            row.d -= 0.002;
+        }
+        let slide = {
+            let path = model.joint_path().unwrap();
+            let k = path.joints.iter().position(|joint| joint.kind == JointKind::Slides);
+            k.map(|k| {
+                let frames = path.frames(&vec![0.0; path.joints.len()]);
+                (frames.before[k].rotation * path.joints[k].axis + Vector3::new(0.01, 0.02, -0.01)).normalize()
+            })
+        };
+        model.slides.extend(slide);
+        let written = super::super::write_urdf_with_tcp(&model, &rows, &[], &[0.01, 0.02, 0.03]);
+        let again = load(&written);
+        for k in 0..5 {
+            let q: Vec<f64> = (0..rows.len()).map(|n| f64::from(k) * 0.3 - 0.2 * n as f64).collect();
+            let off = distance(&again.flange_at(&q), &model.flange_with(&rows, &q));
+            assert!(off < 1e-12, "{ends}: {off}");
+        }
+        if let Some(direction) = slide {
+            let path = again.joint_path().unwrap();
+            let k = path
+                .joints
+                .iter()
+                .position(|joint| joint.kind == JointKind::Slides)
+                .unwrap();
+            let mut q = vec![0.0; path.joints.len()];
+            let zero = path.frames(&q).tip.position;
+            q[k] = 0.5;
+            assert!(
+                (path.frames(&q).tip.position - zero - direction * 0.5).norm() < 1e-12,
+                "{ends}"
+            );
+        }
+        let path: Vec<String> = again
+            .joint_path()
+            .unwrap()
+            .joints
+            .iter()
+            .map(|j| j.name.clone())
+            .collect();
+        let free = |line: &&str| {
+            let of_path = path.iter().map(String::as_str).chain(["lt", "rt", "head"]);
+            line.contains("<joint")
+                && of_path
+                    .into_iter()
+                    .any(|name| line.contains(&format!("<joint name=\"{name}\"")))
+        };
+        let rest = |text: &str| -> Vec<String> {
+            let text = text
+                .split("  <!-- the tool centre point")
+                .next()
+                .unwrap_or_default()
+                .to_owned();
+            text.lines()
+                .filter(|line| !free(line) && *line != "</robot>")
+                .map(str::to_owned)
+                .collect()
+        };
+        assert_eq!(rest(&written), rest(&text), "{ends}");
+    }
+}

@@ -1,6 +1,7 @@
 //! From a URDF to a [`RobotModel`]: axes to modified DH, fixed links merged
 //! into the ones that carry them.
 
+use nalgebra::Vector3;
 use spherecal_shared::MAX_CHAIN;
 use spherecal_shared::robot::{Inertia, Joint, JointLimits, Pose, Robot, Tool};
 
@@ -9,24 +10,35 @@ use super::frames::{compose, inverse};
 use super::mdh::{Axis, from_axes};
 use super::model::{Origin, RobotModel, Tolerances, moved, table_frames};
 use super::urdf::{JointMotion, Srdf, Urdf, UrdfBody, UrdfChain};
+use crate::excerpt;
 
 /// Speed limit (rad/s) of a joint whose file gives none: slow.
 const DEFAULT_VELOCITY_RAD_S: f64 = 1.0;
 /// Torque limit (N m) of a joint whose file gives none.
 const DEFAULT_TORQUE_NM: f64 = 100.0;
 
-/// The frames of a chain with all joints at zero, in the root frame: one after
-/// every joint of the path.
-pub(super) fn frames_at_zero(urdf: &Urdf, chain: &UrdfChain) -> Vec<Pose<f64>> {
-    let mut frame = Pose::identity();
-    chain
-        .path
-        .iter()
-        .map(|&i| {
-            frame = compose(&frame, &urdf.joints[i].origin);
-            frame
-        })
-        .collect()
+/// The frames of a chain with all joints at zero, in the base frame: that of every joint's child link, and the tip's.
+pub(super) fn frames_at_zero(urdf: &Urdf, chain: &UrdfChain) -> (Vec<Pose<f64>>, Pose<f64>) {
+    let mut at = Pose::identity();
+    let mut frames = Vec::with_capacity(chain.path.len());
+    for (k, &i) in chain.path.iter().enumerate() {
+        let origin = &urdf.joints[i].origin;
+        if k < chain.up {
+            frames.push(at);
+            at = compose(&at, &inverse(origin));
+        } else {
+            at = compose(&at, origin);
+            frames.push(at);
+        }
+    }
+    (frames, at)
+}
+
+/// The axis of a joint of the path in its own frame: it turns or slides towards the tip, seen from the base, so that of a
+/// joint that is passed upwards is reversed.
+pub(super) fn axis_towards_tip(urdf: &Urdf, chain: &UrdfChain, k: usize, i: usize) -> Vector3<f64> {
+    let axis = urdf.joints[i].axis;
+    if k < chain.up { -axis } else { axis }
 }
 
 /// Reads the chain that `ends` names (`TIP` or `BASE:TIP`, or the arm) of a URDF.
@@ -36,6 +48,14 @@ pub(super) fn frames_at_zero(urdf: &Urdf, chain: &UrdfChain) -> Vec<Pose<f64>> {
 /// not plain ([`RobotModel::plain`]), and impossible masses.
 pub fn load(path: &str, text: &str, ends: Option<&str>) -> Result<RobotModel, RobotFileError> {
     load_path(path, text, ends, None)?.plain()
+}
+
+/// The same, also for a chain whose joints slide or follow others ([`RobotModel::joint_path`]).
+///
+/// # Errors
+/// As [`load`].
+pub fn load_any(path: &str, text: &str, ends: Option<&str>) -> Result<RobotModel, RobotFileError> {
+    load_path(path, text, ends, None)
 }
 
 /// The same with the semantic description beside the file, and also for a chain whose joints slide or follow others:
@@ -51,7 +71,7 @@ pub(super) fn load_path(
 ) -> Result<RobotModel, RobotFileError> {
     let urdf = Urdf::parse(path, text)?;
     let chain = urdf.chain(ends, srdf)?;
-    let frames = frames_at_zero(&urdf, &chain);
+    let (frames, end) = frames_at_zero(&urdf, &chain);
     let turning: Vec<(usize, usize)> = chain
         .path
         .iter()
@@ -71,10 +91,9 @@ pub(super) fn load_path(
         .iter()
         .map(|&(k, i)| Axis {
             point: frames[k].position,
-            direction: frames[k].rotation * urdf.joints[i].axis,
+            direction: frames[k].rotation * axis_towards_tip(&urdf, &chain, k, i),
         })
         .collect();
-    let end = frames.last().copied().unwrap_or_else(Pose::identity);
     let table = from_axes(&axes, &end);
     let at_zero = table_frames(&table.rows, &vec![0.0; table.rows.len()]);
 
@@ -86,7 +105,12 @@ pub(super) fn load_path(
         let until = turning.get(n + 1).map_or(chain.path.len(), |&(next, _)| next);
         // The bodies between this joint and the next, and all that hangs on them rigidly.
         let in_link = compose(&inverse(&compose(&table.base, &at_zero[n])), &frames[k]);
-        let link = rigid_body(&urdf, &chain, k, until, &in_link);
+        // Gravity has no fixed direction in a base that moves, so masses say nothing there.
+        let link = if chain.up == 0 {
+            rigid_body(&urdf, &chain, k, until, &in_link)
+        } else {
+            Inertia::default()
+        };
         let source = &urdf.joints[i];
         let joint = Joint {
             mdh: *row,
@@ -114,6 +138,16 @@ pub(super) fn load_path(
         path: path.to_owned(),
         source,
     })?;
+    let mut notes = urdf.notes.clone();
+    if chain.up > 0 {
+        notes.push(format!(
+            "the way from {} to {} goes up the tree and down again: everything is seen from {}, which moves itself, so \
+             masses are not used",
+            excerpt(&chain.root),
+            excerpt(&chain.tip),
+            excerpt(&chain.root)
+        ));
+    }
     Ok(RobotModel {
         robot,
         base: table.base,
@@ -123,7 +157,7 @@ pub(super) fn load_path(
         joint_names: turning.iter().map(|&(_, i)| urdf.joints[i].name.clone()).collect(),
         slides: Vec::new(),
         tolerances: Tolerances::default(),
-        notes: urdf.notes.clone(),
+        notes,
         origin: Origin::Urdf(Box::new((urdf, chain))),
     })
 }

@@ -34,17 +34,44 @@ pub(super) fn corrected(model: &RobotModel, urdf: &Urdf, chain: &UrdfChain, rows
     let zero = vec![0.0; rows.len()];
     let nominal = table_frames(&model.rows(), &zero);
     let calibrated = table_frames(rows, &zero);
-    let in_file = frames_at_zero(urdf, chain);
+    let (in_file, _) = frames_at_zero(urdf, chain);
     let mut out = Corrected::default();
     let mut slides = model.slides.iter();
     let mut before = Pose::identity();
     let mut n = 0;
-    for (k, &i) in chain.path.iter().enumerate() {
+    // A frame of the file that rides on joint `n` of the table.
+    let riding = |n: usize, in_file: &Pose<f64>| match (nominal.get(n), calibrated.get(n)) {
+        (Some(was), Some(is)) => {
+            let in_link = compose(&inverse(&compose(&model.base, was)), in_file);
+            compose(&compose(&model.base, is), &in_link)
+        }
+        _ => *in_file,
+    };
+    // Upwards the child's frame must be on its joint's axis, so what stands before a joint rides on it, up to the next.
+    let turns = |i: &usize| urdf.joints[*i].motion == JointMotion::Turns;
+    let up = chain.path.iter().take(chain.up);
+    let last_up = up.clone().filter(|i| turns(i)).count().checked_sub(1);
+    for (k, i) in up.enumerate() {
+        let joint = &urdf.joints[*i];
+        let place = |n: usize, frame: &Pose<f64>| last_up.map_or(*frame, |last| riding(n.min(last), frame));
+        let here = if k == 0 && !turns(i) {
+            before
+        } else {
+            place(n, &in_file[k])
+        };
+        n += usize::from(turns(i));
+        before = place(n, &compose(&in_file[k], &inverse(&joint.origin)));
+        out.origins.push((*i, compose(&inverse(&before), &here)));
+        if joint.motion == JointMotion::Slides
+            && let Some(direction) = slides.next()
+        {
+            out.axes.push((*i, here.rotation.tr_mul(&-direction)));
+        }
+    }
+    for (k, &i) in chain.path.iter().enumerate().skip(chain.up) {
         let joint = &urdf.joints[i];
-        let pair = (nominal.get(n), calibrated.get(n));
-        if let (JointMotion::Turns, (Some(was), Some(is))) = (joint.motion, pair) {
-            let in_link = compose(&inverse(&compose(&model.base, was)), &in_file[k]);
-            let here = compose(&compose(&model.base, is), &in_link);
+        if joint.motion == JointMotion::Turns {
+            let here = riding(n, &in_file[k]);
             out.origins.push((i, compose(&inverse(&before), &here)));
             before = here;
             n += 1;

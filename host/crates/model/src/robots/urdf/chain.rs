@@ -21,6 +21,8 @@ pub struct UrdfChain {
     pub why: String,
     /// Every joint on the way, fixed ones included.
     pub path: Vec<usize>,
+    /// How many of them, from the first, are passed from child to parent: the way goes up the tree, then down.
+    pub up: usize,
     /// What hangs rigidly beyond the tip, as the tip's frame sees its end: a
     /// tool that the file knows.
     pub beyond: Option<(String, Pose<f64>)>,
@@ -31,8 +33,8 @@ impl Urdf {
     /// its role, see the module `tip`; `srdf` is the semantic description beside the file.
     ///
     /// # Errors
-    /// A link that does not exist, a tip that is not clear or not behind the base, a loop, or a joint on the way that
-    /// moves in more than one direction.
+    /// A link that does not exist, a tip that is not clear, ends that are one link or not of one tree, a loop, or a joint
+    /// on the way that moves in more than one direction.
     pub fn chain(&self, ends: Option<&str>, srdf: Option<&Srdf>) -> Result<UrdfChain, RobotFileError> {
         let into: HashMap<&str, usize> = self
             .joints
@@ -79,6 +81,7 @@ impl Urdf {
             (tip.to_owned(), "it was asked for".to_owned())
         };
         let mut path = self.path_to(&tip, &into)?;
+        let mut up = 0;
         if base.is_empty() {
             // A floating or planar base: the arm begins on the body that it carries.
             let of_base = |&i: &usize| self.joints[i].motion == JointMotion::Fixed || self.joints[i].is_base();
@@ -87,25 +90,33 @@ impl Urdf {
                 path.drain(..=last);
             }
         } else {
-            let from = path.iter().position(|&i| self.joints[i].parent == base);
-            let from = from.filter(|_| base != tip).ok_or_else(|| {
-                let remedy = format!("is not on the way to {tip}: name a link between the root and the tip");
-                value_error(&self.path, "base link".to_owned(), base, &remedy)
-            })?;
-            path.drain(..from);
+            let to_base = self.path_to(base, &into)?;
+            let root =
+                |path: &[usize], link: &str| path.first().map_or(link.to_owned(), |&i| self.joints[i].parent.clone());
+            if base == tip || root(&path, &tip) != root(&to_base, base) {
+                let remedy = format!("no joint leads from it to {tip}: name two links of one tree");
+                return Err(value_error(&self.path, "base link".to_owned(), base, &remedy));
+            }
+            // Up to the last link that both ways from the root have in common, and down.
+            let common = path.iter().zip(&to_base).take_while(|(a, b)| a == b).count();
+            up = to_base.len() - common;
+            path.splice(..common, to_base.into_iter().skip(common).rev());
         }
         if let Some(&i) = path.iter().find(|&&i| self.joints[i].motion == JointMotion::Other) {
             return Err(self.odd_type(&self.joints[i]));
         }
-        let root = path
-            .first()
-            .map_or_else(|| tip.clone(), |&i| self.joints[i].parent.clone());
+        let root = match path.first() {
+            _ if up > 0 => base.to_owned(),
+            Some(&i) => self.joints[i].parent.clone(),
+            None => tip.clone(),
+        };
         let beyond = self.beyond(&tip);
         Ok(UrdfChain {
             root,
             tip,
             why,
             path,
+            up,
             beyond,
         })
     }

@@ -1,15 +1,16 @@
-//! XML prefixes that a file uses and does not declare (`<gazebo:plugin ..>`). Nothing that a
-//! calibration reads stands under one, so such a file is read all the same.
+//! What the parsers of ROS read and XML does not permit: prefixes that a file uses and does not declare
+//! (`<gazebo:plugin ..>`), and hyphens in comments (`<!-- -- arm -- -->`). Nothing that a calibration reads stands there, so
+//! such a file is read all the same.
 
 use std::borrow::Cow;
 
 /// Most prefixes that are put right.
 const MOST_PREFIXES: usize = 16;
 
-/// A text of the same length that the parser reads: undeclared prefixes `a:b` become `a_b`. The text
-/// itself where nothing needs it, or where something else is wrong with it.
+/// A text of the same length that the parser reads: undeclared prefixes `a:b` become `a_b`, and hyphens in comments blanks.
+/// The text itself where nothing needs it, or where something else is wrong with it.
 pub(super) fn readable<'t>(text: &'t str, notes: &mut Vec<String>) -> Cow<'t, str> {
-    let mut readable = Cow::Borrowed(text);
+    let mut readable = comments(text);
     let mut names: Vec<String> = Vec::new();
     // Each pass finds one prefix.
     for _ in 0..MOST_PREFIXES {
@@ -28,6 +29,27 @@ pub(super) fn readable<'t>(text: &'t str, notes: &mut Vec<String>) -> Cow<'t, st
         ));
     }
     readable
+}
+
+/// The text with blanks for the hyphens of comments that hold two in a row, or end with one.
+fn comments(text: &str) -> Cow<'_, str> {
+    let mut out = Cow::Borrowed(text);
+    let mut at = 0;
+    while let Some(start) = text.get(at..).and_then(|rest| rest.find("<!--")).map(|k| at + k + 4) {
+        let Some(inside) = text
+            .get(start..)
+            .and_then(|rest| rest.split_once("-->"))
+            .map(|pair| pair.0)
+        else {
+            break;
+        };
+        at = start + inside.len() + 3;
+        if inside.contains("--") || inside.ends_with('-') {
+            out.to_mut()
+                .replace_range(start..start + inside.len(), &inside.replace('-', " "));
+        }
+    }
+    out
 }
 
 /// The text with `prefix:` as `prefix_` wherever a name may begin.

@@ -29,8 +29,9 @@ pub(super) fn listed<'a>(names: impl Iterator<Item = &'a str> + Clone) -> String
 }
 
 /// Words in the names of joints and links that are no part of an arm.
-const PARTS: [&str; 26] = [
+const PARTS: [&str; 27] = [
     "gripper",
+    "fngr",
     "finger",
     "fingers",
     "fingertip",
@@ -62,6 +63,8 @@ const ARM: [&str; 14] = [
     "wrist", "roll", "pitch", "yaw", "elbow", "shoulder", "forearm", "waist", "rotate", "rotation", "flex", "pan",
     "lift", "arm",
 ];
+/// Words in the names of the parts that a gripper closes: an arm's joint may carry its hand, and not these.
+const FINGERS: [&str; 6] = ["finger", "fingers", "fingertip", "fngr", "jaw", "jaws"];
 /// Fewest driven joints before a fork that is a gripper.
 const BEFORE_GRIPPER: usize = 3;
 /// Most driven joints of a finger.
@@ -140,7 +143,11 @@ impl<'u> Arms<'u> {
                 .iter()
                 .any(|&k| urdf.joints[k].motion != JointMotion::Fixed || branches[k].moves);
             let named = has(&joint.child, &PARTS);
-            let doubtful = named && !fixed && !moves && !has(&joint.name, &ARM) && !has(&joint.name, &PARTS);
+            // `arm_f1x` says no more of a finger than that it is the arm's.
+            let arms = words(&joint.name)
+                .iter()
+                .any(|word| ARM.contains(&word.as_str()) && !(word == "arm" && has(&joint.child, &FINGERS)));
+            let doubtful = named && !fixed && !moves && !arms && !has(&joint.name, &PARTS);
             let most = behind
                 .iter()
                 .filter(|&&k| !branches[k].part)

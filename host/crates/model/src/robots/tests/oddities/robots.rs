@@ -172,6 +172,11 @@ pub(super) fn robots() -> Vec<(&'static str, String, Outcome)> {
             Read("base_link", "robotiq_arg2f_base_link", 6),
         ),
         (
+            "a finger on a joint named after the arm",
+            format!("{six} arm_f1x revolute link6 arm_link_fngr;"),
+            Refused("link6, arm_link_fngr"),
+        ),
+        (
             "three unnamed fingers",
             format!("{six} {}", fingers("f", "link6", 3, 2)),
             Read("base_link", "link6", 6),
