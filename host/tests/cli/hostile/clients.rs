@@ -29,6 +29,9 @@ const BUSY: Duration = Duration::from_secs(40);
 /// Clients at one time.
 const WORKERS: usize = 16;
 
+/// A plan that takes no time.
+const CELL: &str = "[plan]\nchoice = \"grid\"\nposes = 4\n";
+
 /// Datagrams to a port of this machine.
 struct Datagrams(UdpSocket);
 
@@ -216,6 +219,7 @@ fn meets(client: &Client, peer: Peer) -> Ended {
     let stop = Arc::new(AtomicBool::new(false));
     let address = lies_in_wait(client, peer, &stop);
     let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("cell.toml"), CELL).expect("written");
     let arguments: Vec<String> = client.arguments.iter().map(|a| a.replace("{}", &address)).collect();
     let longest = client.longest[usize::from(peer.1)];
     let ended = led(folder.path(), &arguments, longest + BUSY);
@@ -227,8 +231,10 @@ fn meets(client: &Client, peer: Peer) -> Ended {
         ended.took
     );
     assert!(matches!(ended.code, Some(1 | 2)), "{met}: {:?}, {said}", ended.code);
-    // There is one robot.
-    let named = said.contains(&address) || said.contains("the robot") || said.contains("the cabinet");
+    // There is one robot, and one controller.
+    let named = [&*address, "the robot", "the cabinet", "the controller"]
+        .iter()
+        .any(|name| said.contains(name));
     assert!(named && !said.contains("panicked"), "{met}: {said}");
     assert!(ended.mib < MEMORY_MIB, "{met}: {} MiB", ended.mib);
     ended

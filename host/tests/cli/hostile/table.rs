@@ -80,8 +80,8 @@ pub(super) fn clients() -> Vec<Client> {
         longest: longest.map(Duration::from_secs),
     };
     let command = framed(&DriveCommand::default());
-    let drive = ["run", "--poses", "4", "--link", "tcp:{}"].as_slice();
-    let controller = ["run", "--poses", "4", "--link", "controller:{}"].as_slice();
+    let drive = ["run", "--config", "cell.toml", "--link", "tcp:{}"].as_slice();
+    let controller = ["run", "--config", "cell.toml", "--link", "controller:{}"].as_slice();
     let apart = ["controller", "--host-link", "tcp:0", "--drive", "tcp:{}"].as_slice();
     let greeted = |client: Client| Client {
         greeting: hello.clone(),
@@ -100,7 +100,7 @@ pub(super) fn clients() -> Vec<Client> {
     let ur = ["run", "--robot", "ur5e", "--link", "ur:{}"].as_slice();
     let franka = ["run", "--robot", "fr3", "--link", "franka:{}"].as_slice();
     let fri = ["run", "--link", "fri:{}"].as_slice();
-    let serial = ["run", "--poses", "4", "--link", "serial:{}"].as_slice();
+    let serial = ["run", "--config", "cell.toml", "--link", "serial:{}"].as_slice();
     let mut clients = vec![
         greeted(client("drive link", Wire::Tcp(0), drive, &command, &[], [5, 60])),
         // While it has no host, it does not ask a drive in lock-step that has greeted it.
@@ -114,8 +114,8 @@ pub(super) fn clients() -> Vec<Client> {
     #[cfg(feature = "services")]
     clients.extend([
         of_service("store", &["history", "--store", "grpc:{}"], 5),
-        of_service("tracker", &["run", "--poses", "4", "--tracker", "grpc:{}"], 5),
-        of_service("robot", &["run", "--poses", "4", "--link", "grpc:{}"], 5),
+        of_service("tracker", &["run", "--config", "cell.toml", "--tracker", "grpc:{}"], 5),
+        of_service("robot", &["run", "--config", "cell.toml", "--link", "grpc:{}"], 5),
     ]);
     clients
 }
