@@ -97,9 +97,9 @@ pub(super) fn clients() -> Vec<Client> {
     // RTDE: a text without words; FCI: an answer to a question that nobody has asked.
     let (text, answer) = ([0, 6, b'M', 0, 0, 3], [0, 0, 0, 0, 99, 0, 0, 0, 12, 0, 0, 0]);
     let huge = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1];
-    let ur = ["run", "--robot", "ur5e", "--link", "ur:{}"].as_slice();
-    let franka = ["run", "--robot", "fr3", "--link", "franka:{}"].as_slice();
-    let fri = ["run", "--link", "fri:{}"].as_slice();
+    let ur = ["run", "--config", "cell.toml", "--robot", "ur5e", "--link", "ur:{}"].as_slice();
+    let franka = ["run", "--config", "cell.toml", "--robot", "fr3", "--link", "franka:{}"].as_slice();
+    let fri = ["run", "--config", "cell.toml", "--link", "fri:{}"].as_slice();
     let serial = ["run", "--config", "cell.toml", "--link", "serial:{}"].as_slice();
     let mut clients = vec![
         greeted(client("drive link", Wire::Tcp(0), drive, &command, &[], [5, 60])),
