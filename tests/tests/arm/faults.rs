@@ -93,28 +93,6 @@ fn a_run_goes_on_at_the_pose_where_it_was() {
     }
 }
 
-// Fails if a pose at which the nest is pushed off twice is tried a third time or costs another pose, or if a run that has given
-// up a third of its poses goes on.
-#[test]
-fn a_pose_that_fails_twice_is_given_up() {
-    let pushed = |entries: &[u32]| {
-        let push = |entry: &u32| {
-            let force_n = [35.0, 35.0, 0.0];
-            let when = during(Phase::Recording, *entry, 0.1);
-            (InjectedFault::HumanPush { force_n }, when, 0.3)
-        };
-        let faults: Vec<_> = entries.iter().map(push).collect();
-        campaign_with(&plan(&faults), in_process())
-    };
-    let (memory, outcome, result) = pushed(&[2, 3]);
-    result.expect("one of six poses may be given up");
-    assert_eq!((memory.recordings.len(), outcome.rejected.len()), (5, 1));
-    let (memory, _, result) = pushed(&[2, 3, 4, 5]);
-    let error = result.expect_err("two may not").to_string();
-    assert!(error.contains("2 of 6"), "{error}");
-    assert_eq!(memory.recordings.len(), 1);
-}
-
 // Fails if a nest whose magnet lets go while it stands still leaves a recording,
 // at any pose: friction holds it, and only the pull tells.
 #[test]
