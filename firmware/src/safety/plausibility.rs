@@ -60,8 +60,8 @@ pub(crate) fn plausible<const N: usize>(state: &DriveState) -> Option<JointState
 #[derive(Clone, Debug)]
 pub(crate) struct Plausibility<const N: usize> {
     last: Option<JointState<N>>,
-    /// The good state before `last`, if the arm was not seen between them or went there beyond its speed limit, and no
-    /// later state has confirmed `last`. A false angle may have passed as motion.
+    /// The good state before `last`, where none has been forgotten: `last` may be false and have passed as motion. It can
+    /// where the arm was not seen before it, by a false speed, and at the very limit of what is motion.
     before: Option<JointState<N>>,
     /// Tick of the last state that was checked, good or not.
     tick: u64,
@@ -131,17 +131,15 @@ impl<const N: usize> Plausibility<N> {
         }
         let mut change = 0.0;
         let mut fastest = 0.0f64;
-        let (mut stuck_joint, mut others, mut fast) = (None, false, false);
+        let (mut stuck_joint, mut others) = (None, false);
         for i in 0..N {
             let moved = (state.q[i] - last.q[i]).abs();
             others |= moved > 0.0;
-            fast |= moved > way(joints[i].velocity_rad_s, elapsed_s, limits);
             stuck_joint = stuck_joint.or(stuck_encoder(&mut self.stuck[i], i, moved, sent, &joints[i], limits));
             change += moved + (state.dq[i] - last.dq[i]).abs() + (state.tau[i] - last.tau[i]).abs();
             fastest = fastest.max(state.dq[i].abs());
         }
-        self.before = self.last.filter(|_| self.unseen > 0 || fast);
-        self.last = Some(*state);
+        self.before = self.last.replace(*state);
         if change > 0.0 {
             self.same = 0;
             self.unseen = 0;
@@ -171,12 +169,6 @@ impl<const N: usize> Plausibility<N> {
     }
 }
 
-/// Farthest that a joint of this speed (rad/s) may be after `elapsed_s` seconds, in rad.
-#[inline]
-fn way(speed: f64, elapsed_s: f64, limits: &Limits) -> f64 {
-    speed * SPEED_FACTOR * elapsed_s + limits.jump_rad
-}
-
 /// The first joint that cannot have moved from the state `from` to `state` in
 /// `elapsed_s` seconds.
 #[inline]
@@ -192,7 +184,7 @@ fn jump<const N: usize>(
         // By the earlier speed: the later one may be computed from the jump.
         let limit = joint.velocity_rad_s;
         let speed = limit.max(from.dq[i].abs().min(FASTEST_FACTOR * limit));
-        let most = way(speed, elapsed_s, limits);
+        let most = speed * SPEED_FACTOR * elapsed_s + limits.jump_rad;
         if moved > most {
             return Some(Violation {
                 fault: Fault::PositionJump,

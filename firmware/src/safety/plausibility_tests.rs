@@ -89,6 +89,23 @@ fn one_false_angle_after_a_false_speed_is_forgotten() {
     assert_eq!(look(5, 0.03, 0.0).map(|found| found.fault), Some(Fault::PositionJump));
 }
 
+// Fails if a false angle that is just not a jump becomes a place from which true angles are jumps, because of their noise.
+#[test]
+fn one_false_angle_at_the_limit_is_forgotten() {
+    let (limits, joints) = (Limits::default(), joints());
+    let slowest = joints
+        .iter()
+        .map(|joint| joint.velocity_rad_s)
+        .fold(f64::INFINITY, f64::min);
+    let most = slowest * SPEED_FACTOR * 1e-3 + limits.jump_rad;
+    let mut watch = Plausibility::default();
+    let mut look = |tick, q| watch.check(tick, &at(q, tick as f64), &[0.0; 7], &joints, &limits, 1e-3);
+    assert_eq!(look(1, 1e-6), None);
+    assert_eq!(look(2, most), None);
+    assert_eq!(look(3, -1e-6), None, "back where it was");
+    assert_eq!(look(4, most).map(|found| found.fault), Some(Fault::PositionJump));
+}
+
 // Fails if a frozen drive is not found in time, or if a simulator without
 // noise that stands under the same torque is taken for one.
 #[test]

@@ -296,3 +296,45 @@ fn long_readers_may_leave() {
         assert!(text(&output.stderr).contains("stdout"), "{}", text(&output.stderr));
     }
 }
+
+// Fails if a pose at which the nest is pushed off twice is tried again or costs another one, or if a run that has given up a third
+// of its poses goes on.
+#[test]
+#[ignore = "slow: the gate runs it"]
+fn slow_a_pose_that_fails_twice_is_given_up() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    std::fs::write(folder.join("cell.toml"), "[plan]\nchoice = \"grid\"\nposes = 6\n").expect("written");
+    let pushed = |name: &str, entries: &[u32]| {
+        let mut faults = "seed = 0\n".to_owned();
+        for entry in entries {
+            faults += &format!(
+                "[[fault]]\nfor_s = 0.3\n[fault.what.human_push]\nforce_n = [35.0, 35.0, 0.0]\n[fault.when.phase]\n\
+                 name = \"recording\"\nentry = {entry}\nafter_s = 0.1\n"
+            );
+        }
+        std::fs::write(folder.join(name), faults).expect("written");
+        let run = [
+            "run",
+            "--config",
+            "cell.toml",
+            "--seed",
+            "5",
+            "--json",
+            "--inject",
+            name,
+            "--out",
+        ];
+        spherecal(folder, &[&run[..], &[&format!("{name}-out")]].concat())
+    };
+    let once = pushed("one.toml", &[2, 3]);
+    let summary: Value = serde_json::from_slice(&once.stdout).expect("a summary");
+    assert_eq!(
+        (&summary["poses"]["recorded"], &summary["poses"]["rejected"]),
+        (&5.into(), &1.into())
+    );
+    let twice = pushed("two.toml", &[2, 3, 4, 5]);
+    assert_eq!(twice.status.code(), Some(1));
+    let said = text(&twice.stderr);
+    assert!(said.contains("2 of 6 poses were given up"), "{said}");
+}

@@ -15,6 +15,7 @@ mod circles;
 mod collect;
 #[cfg(target_os = "linux")]
 mod commission;
+mod contracts;
 mod damaged;
 mod docs;
 mod everyday;

@@ -157,8 +157,35 @@ fn long_the_plate_is_moved_over_services() {
     assert!(plan.to_string().contains("\"place\":1"), "two placements are planned");
 }
 
-// Fails if a server names a service that it does not offer as healthy, or
-// offers one that it was not asked to.
+/// The services that a server describes, for programs without its files.
+async fn reflected(address: &str) -> Vec<String> {
+    use tonic_reflection::pb::v1::ServerReflectionRequest;
+    use tonic_reflection::pb::v1::server_reflection_client::ServerReflectionClient;
+    use tonic_reflection::pb::v1::server_reflection_request::MessageRequest;
+    use tonic_reflection::pb::v1::server_reflection_response::MessageResponse;
+
+    let endpoint = tonic::transport::Endpoint::from_shared(address.to_owned()).expect("an address");
+    let mut client = ServerReflectionClient::new(endpoint.connect().await.expect("connects"));
+    let request = ServerReflectionRequest {
+        host: String::new(),
+        message_request: Some(MessageRequest::ListServices(String::new())),
+    };
+    let answers = client.server_reflection_info(tokio_stream::iter([request])).await;
+    match answers
+        .expect("an answer")
+        .into_inner()
+        .message()
+        .await
+        .expect("a message")
+        .and_then(|m| m.message_response)
+    {
+        Some(MessageResponse::ListServicesResponse(list)) => list.service.into_iter().map(|s| s.name).collect(),
+        other => panic!("{other:?}"),
+    }
+}
+
+// Fails if a server names a service that it does not offer as healthy, offers one that it was not asked to, or does not
+// describe itself.
 #[test]
 fn health_says_what_is_served() {
     use tonic_health::pb::health_check_response::ServingStatus;
@@ -181,6 +208,11 @@ fn health_says_what_is_served() {
     assert_eq!(
         status("spherecal.v1.CalibrationStore").expect("known"),
         i32::from(ServingStatus::Serving)
+    );
+    let listed = runtime.block_on(reflected(&address));
+    assert!(
+        listed.iter().any(|name| name == "spherecal.v1.CalibrationStore"),
+        "{listed:?}"
     );
     let missing = status("spherecal.v1.RobotController").expect_err("not offered");
     assert_eq!(missing.code(), tonic::Code::NotFound);

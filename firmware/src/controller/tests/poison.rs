@@ -48,14 +48,14 @@ fn tick(controller: &mut Controller<7>, state: &DriveState) -> Vec<f64> {
     command.tau.to_vec()
 }
 
-/// Ends the fault, moves to home and runs for one second. Returns torques and force.
-fn second_after(controller: &mut Controller<7>, from: u64) -> (Vec<f64>, [f64; 3]) {
+/// Ends the fault, moves to home and runs for two seconds. Returns torques and force.
+fn two_seconds_after(controller: &mut Controller<7>, from: u64) -> (Vec<f64>, [f64; 3]) {
     controller.command(Command::ClearFault).expect("always");
     tick(controller, &standing(from));
     let target = HOME.iter().copied().collect();
     assert_eq!(controller.command(Command::Move { target }), Ok(()));
     let mut last = Vec::new();
-    for k in 1..1000 {
+    for k in 1..2000 {
         last = tick(controller, &standing(from + k));
     }
     assert_eq!(controller.phase(), Phase::Idle, "the move ends");
@@ -96,7 +96,7 @@ fn harm() -> impl Strategy<Value = Vec<(usize, f64)>> {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(150))]
-    // Fails if any sequence of states leaves something in a filter: one second after
+    // Fails if any sequence of states leaves something in a filter: two seconds after
     // the fault is cleared, the torques and the force are those of a controller that
     // was started then.
     #[test]
@@ -124,13 +124,13 @@ proptest! {
             now += 1;
         }
         let mut fresh = configured();
-        let (tau, force) = second_after(&mut harmed, now);
-        let (expected, expected_force) = second_after(&mut fresh, now);
+        let (tau, force) = two_seconds_after(&mut harmed, now);
+        let (expected, expected_force) = two_seconds_after(&mut fresh, now);
         for (is, wanted) in tau.iter().zip(&expected) {
-            // The torque loop forgets its bound of 20 N m to e^-10 of it in a second, because these states do
-            // not answer its correction. A hold that was off by radians holds the bound for some 40 ms more
-            // (1.3e-3 N m; the worst of 4,000 sequences, and gone in the next 0.1 s).
-            prop_assert!((is - wanted).abs() < 1.5e-3, "{tau:?} is not {expected:?}");
+            // The torque loop forgets its bound of 20 N m by e^-10 in a second, because these states do not answer its
+            // correction. How long a hold that was off keeps it at the bound depends on the sequence: 60 ms and more.
+            // Of one that keeps it for 0.7 s, 1e-4 N m are left.
+            prop_assert!((is - wanted).abs() < 1e-4, "{tau:?} is not {expected:?}");
         }
         for (is, wanted) in force.iter().zip(&expected_force) {
             prop_assert!((is - wanted).abs() < 1e-3, "{force:?} is not {expected_force:?}");

@@ -6,11 +6,8 @@ use std::path::{Path, PathBuf};
 use spherecal_model::{FileError, open_regular};
 
 use super::error::BagError;
+use spherecal_budget::files::BAG_FILES;
 
-/// Largest file of a bag, in bytes. It is read as a stream.
-pub const MOST_BAG_BYTES: u64 = 256 << 30;
-/// Most files of a bag.
-const MOST_FILES: usize = 1000;
 /// What to do with a file that is larger.
 pub(crate) const LARGER: &str = "record the joint states and targets alone, without images and point clouds";
 
@@ -88,7 +85,7 @@ pub(crate) fn files(bag: &Path) -> Result<Vec<PathBuf>, BagError> {
     let all: Vec<PathBuf> = entries
         .flatten()
         .map(|entry| entry.path())
-        .take(10 * MOST_FILES)
+        .take(10 * BAG_FILES)
         .collect();
     let of = |kind: &str| -> Vec<PathBuf> { all.iter().filter(|path| ending(path) == kind).cloned().collect() };
     let mut files = of("mcap");
@@ -96,7 +93,7 @@ pub(crate) fn files(bag: &Path) -> Result<Vec<PathBuf>, BagError> {
         files = of("db3");
     }
     files.sort_by_key(|path| (part(path), path.clone()));
-    if files.len() > MOST_FILES {
+    if files.len() > BAG_FILES {
         return Err(refuse("has more than 1000 files", "split it into several bags"));
     }
     if files.is_empty() {

@@ -24,7 +24,7 @@
 //! A bag is a file or folder in MCAP or SQLite (`.db3`). A file in MCAP that ends early gives its whole messages.
 //!
 //! The bag is read twice, as a stream: for the targets, then for the joint states. Memory is that of the targets
-//! ([`MOST_TARGETS`]) and of one record ([`MOST_RECORD_BYTES`]).
+//! ([`TARGETS`](spherecal_budget::files::TARGETS)) and of one record ([`RECORD_BYTES`](spherecal_budget::files::RECORD_BYTES)).
 
 mod cdr;
 mod error;
@@ -42,11 +42,9 @@ mod wanted;
 mod words;
 
 pub use error::{BadMessage, BagError};
-pub use files::{MOST_BAG_BYTES, is_bag};
-pub use message::MOST_RECORD_BYTES;
+pub use files::is_bag;
 pub use poses::{Poses, read_bag};
 pub use rests::{GAP_S, NEAR_S, REST_S};
-pub use targets::MOST_TARGETS;
 pub use wanted::Wanted;
 
 #[cfg(test)]

@@ -2,10 +2,6 @@
 
 use std::rc::Rc;
 
-/// Longest record that is read, in bytes: the most that a stream keeps in memory. A chunk of a bag has some MiB, and a picture of
-/// 4K in full colour 25 MiB.
-pub const MOST_RECORD_BYTES: usize = 64 << 20;
-
 /// A topic of one file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Topic {

@@ -11,17 +11,13 @@ use mcap::{McapError, McapResult};
 use spherecal_model::{FileError, open_regular};
 
 use super::error::BagError;
-use super::files::{LARGER, MOST_BAG_BYTES, is_sqlite};
-use super::message::{BagMessage, MOST_RECORD_BYTES, Topic, full_name};
+use super::files::{LARGER, is_sqlite};
+use super::message::{BagMessage, Topic, full_name};
 use super::sqlite;
+use spherecal_budget::files::{BAG_BYTES, NAME_BYTES, RECORD_BYTES, UNPACKED};
 
-/// Longest name of a topic or a type, in bytes.
-const MOST_NAME_BYTES: usize = 1024;
 /// Bytes that are read at once.
 const PIECE: usize = 1 << 20;
-/// Most bytes that one byte of a file may unpack to, beside a first [`MOST_RECORD_BYTES`]. Messages of a robot unpack to
-/// some ten times their size; a file that was made to take time, to thousands.
-const MOST_UNPACKED: u64 = 200;
 /// Bytes between two reports of progress.
 const REPORTED: u64 = 16 << 20;
 
@@ -52,8 +48,8 @@ pub(crate) fn each_message(
     if is_sqlite(path) {
         return sqlite::each_message(path, progress, each).map(|()| None);
     }
-    let (file, _) = open_regular(path, MOST_BAG_BYTES, LARGER)?;
-    let source = BufReader::with_capacity(PIECE, file.take(MOST_BAG_BYTES));
+    let (file, _) = open_regular(path, BAG_BYTES, LARGER)?;
+    let source = BufReader::with_capacity(PIECE, file.take(BAG_BYTES));
     let damaged = |what: String| BagError::Damaged {
         path: path.display().to_string(),
         what,
@@ -82,7 +78,7 @@ pub(crate) fn each_message(
         EarlyEnd::Name(what) => damaged(what.to_owned()),
         EarlyEnd::Mcap(McapError::UnexpectedEof) => damaged("it ends early".to_owned()),
         EarlyEnd::Mcap(McapError::RecordTooLarge { opcode, len }) => damaged(format!(
-            "a record of kind {opcode} has {len} bytes, and at most {MOST_RECORD_BYTES} are read"
+            "a record of kind {opcode} has {len} bytes, and at most {RECORD_BYTES} are read"
         )),
         EarlyEnd::Mcap(error) => damaged(spherecal_model::printable(&error.to_string()).into_owned()),
     })
@@ -94,7 +90,7 @@ fn read(
     each: &mut dyn FnMut(&BagMessage<'_>) -> Result<(), BagError>,
 ) -> Result<(), EarlyEnd> {
     let options = LinearReaderOptions::default()
-        .with_record_length_limit(MOST_RECORD_BYTES)
+        .with_record_length_limit(RECORD_BYTES)
         .with_validate_chunk_crcs(true);
     let mut records = LinearReader::new_with_options(options);
     let mut types: HashMap<u16, String> = HashMap::new();
@@ -103,8 +99,7 @@ fn read(
     while let Some(event) = records.next_event() {
         let (opcode, data) = match event? {
             LinearReadEvent::ReadRequest(wanted) => {
-                let count =
-                    some(&mut source, records.insert(wanted.min(MOST_RECORD_BYTES))).map_err(EarlyEnd::System)?;
+                let count = some(&mut source, records.insert(wanted.min(RECORD_BYTES))).map_err(EarlyEnd::System)?;
                 records.notify_read(count);
                 bytes += count as u64;
                 if bytes - reported >= REPORTED {
@@ -116,7 +111,7 @@ fn read(
             LinearReadEvent::Record { data, opcode } => (opcode, data),
         };
         unpacked += data.len() as u64;
-        if unpacked > MOST_RECORD_BYTES as u64 + MOST_UNPACKED * bytes {
+        if unpacked > RECORD_BYTES as u64 + UNPACKED * bytes {
             return Err(EarlyEnd::Name(
                 "its chunks unpack to more than 200 times their size, as no recording of a robot does",
             ));
@@ -163,7 +158,7 @@ fn parse(opcode: u8, data: &[u8]) -> McapResult<Record<'_>> {
 }
 
 fn named(name: &str) -> Result<(), EarlyEnd> {
-    if name.len() > MOST_NAME_BYTES {
+    if name.len() > NAME_BYTES {
         return Err(EarlyEnd::Name(
             "the name of a topic or of its type has more than 1024 bytes",
         ));

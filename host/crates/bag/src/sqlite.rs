@@ -12,12 +12,10 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteRow};
 use sqlx::{ConnectOptions as _, Row as _};
 
 use super::error::BagError;
-use super::files::{LARGER, MOST_BAG_BYTES};
-use super::message::{BagMessage, MOST_RECORD_BYTES, Topic, full_name};
+use super::files::LARGER;
+use super::message::{BagMessage, Topic, full_name};
+use spherecal_budget::files::{self, BAG_BYTES, NAME_BYTES, RECORD_BYTES};
 
-/// Most topics of a bag, and the longest name of one and of its type, in bytes: a robot has some hundred.
-const MOST_TOPICS: usize = 10_000;
-const MOST_NAME_BYTES: i64 = 1024;
 const TOPICS: &str = "SELECT id, name, type, serialization_format FROM topics WHERE max(length(name), length(type), \
     length(serialization_format)) <= ?1 LIMIT ?2";
 /// The next messages behind a time and id: some, and together at most as large as one record may be. Types that a bag is not
@@ -42,7 +40,7 @@ pub(crate) fn each_message(
     each: &mut dyn FnMut(&BagMessage<'_>) -> Result<(), BagError>,
 ) -> Result<(), BagError> {
     // What is not a regular file is refused in the words of all files.
-    let (file, bytes) = open_regular(path, MOST_BAG_BYTES, LARGER)?;
+    let (file, bytes) = open_regular(path, BAG_BYTES, LARGER)?;
     drop(file);
     not_all(path)?;
     let failed = |what: &dyn std::fmt::Display| BagError::Database {
@@ -59,12 +57,14 @@ pub(crate) fn each_message(
         .read_only(true)
         .immutable(true);
     let mut connection = runtime.block_on(options.connect()).map_err(|e| failed(&e))?;
-    let query = sqlx::query(TOPICS).bind(MOST_NAME_BYTES).bind(MOST_TOPICS as i64 + 1);
+    let query = sqlx::query(TOPICS)
+        .bind(NAME_BYTES as i64)
+        .bind(files::TOPICS as i64 + 1);
     let rows = runtime
         .block_on(query.fetch_all(&mut connection))
         .map_err(|e| failed(&e))?;
-    if rows.len() > MOST_TOPICS {
-        return Err(failed(&format!("it names more than {MOST_TOPICS} topics")));
+    if rows.len() > files::TOPICS {
+        return Err(failed(&format!("it names more than {} topics", files::TOPICS)));
     }
     let mut topics: HashMap<i64, Rc<Topic>> = HashMap::new();
     for row in rows {
@@ -120,7 +120,7 @@ fn not_all(path: &Path) -> Result<(), BagError> {
 }
 
 async fn next(connection: &mut SqliteConnection, behind: (i64, i64)) -> Result<Vec<SqliteRow>, sqlx::Error> {
-    let most = i64::try_from(MOST_RECORD_BYTES).unwrap_or(i64::MAX);
+    let most = i64::try_from(RECORD_BYTES).unwrap_or(i64::MAX);
     sqlx::query(NEXT)
         .bind(behind.0)
         .bind(behind.1)

@@ -6,14 +6,13 @@ use spherecal_model::excerpt;
 
 use super::error::{BadMessage, BagError};
 use super::messages::{JOINT_STATE, JointStateMessage, MessageRefusal, ToolPlace, target};
+use spherecal_budget::files::TARGETS;
 
 use super::message::BagMessage;
 use super::records::each_message;
 use super::topics::{ChosenTopics, Topics, taken};
 use super::wanted::Wanted;
 
-/// Most measured points and contacts of a bag.
-pub const MOST_TARGETS: usize = 2_000_000;
 /// Most placements of the plate.
 const MOST_PLACES: usize = 1000;
 
@@ -93,9 +92,9 @@ impl Scan<'_> {
         let Some(kind) = taken(topic, self.named) else {
             return Ok(());
         };
-        if self.found.len() >= MOST_TARGETS {
+        if self.found.len() >= TARGETS {
             return Err((
-                format!("there are more than {MOST_TARGETS} messages"),
+                format!("there are more than {TARGETS} messages"),
                 "record the points at a lower rate, or split the bag".to_owned(),
             ));
         }

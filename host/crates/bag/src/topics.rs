@@ -12,11 +12,10 @@ use spherecal_model::excerpt;
 use super::error::BagError;
 use super::message::Topic;
 use super::messages::{JOINT_STATE, TARGETS, TargetKind, target_kind};
+use spherecal_budget::files::TOPICS;
 
 /// The type of targets that is taken without being named.
 pub(crate) const POINT: &str = TARGETS[0].0;
-/// Most topics of a bag.
-const MOST_TOPICS: usize = 10_000;
 /// Most topics that a message lists.
 const LISTED: usize = 8;
 
@@ -51,7 +50,7 @@ impl Topics {
             *count += 1;
             return Some(*count);
         }
-        if self.seen.len() >= MOST_TOPICS {
+        if self.seen.len() >= TOPICS {
             return None;
         }
         self.seen.insert(topic.name.clone(), (topic.clone(), 1));

@@ -3,11 +3,7 @@
 use std::io::ErrorKind;
 
 use super::Stream;
-
-/// Bytes that may wait for a client. One that does not read loses its connection, as a full socket would end it.
-const MAX_WAITING: usize = 1 << 20;
-/// Bytes that are taken from a client in one turn: no client keeps the robot from its clock.
-const MAX_TAKEN: usize = 1 << 16;
+use spherecal_budget::robot::{TAKEN_BYTES, WAITING_BYTES};
 
 /// A robot side's connection with one client: both directions without waiting, and with a bounded memory.
 #[derive(Debug)]
@@ -37,7 +33,7 @@ impl Wire {
     pub fn poll(&mut self) -> bool {
         self.flush();
         let mut part = [0; 4096];
-        while self.alive && self.received.len() < MAX_TAKEN {
+        while self.alive && self.received.len() < TAKEN_BYTES {
             match self.stream.read(&mut part) {
                 Ok(0) => self.alive = false,
                 Ok(count) => self.received.extend_from_slice(&part[..count]),
@@ -56,7 +52,7 @@ impl Wire {
     pub fn send(&mut self, bytes: &[u8]) {
         self.waiting.extend_from_slice(bytes);
         self.flush();
-        if self.waiting.len() > MAX_WAITING {
+        if self.waiting.len() > WAITING_BYTES {
             self.close();
         }
     }
@@ -150,13 +146,13 @@ mod tests {
             sent: usize::MAX,
         }));
         assert!(wire.poll());
-        assert!((MAX_TAKEN..MAX_TAKEN + 4096).contains(&wire.received.len()));
+        assert!((TAKEN_BYTES..TAKEN_BYTES + 4096).contains(&wire.received.len()));
         let mut sent = 0;
         while wire.alive {
             wire.send(&[0; 500]);
             sent += 500;
-            assert!(sent <= MAX_WAITING + 2000);
+            assert!(sent <= WAITING_BYTES + 2000);
         }
-        assert!(sent > MAX_WAITING && !wire.poll());
+        assert!(sent > WAITING_BYTES && !wire.poll());
     }
 }

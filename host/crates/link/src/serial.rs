@@ -10,13 +10,12 @@ use std::time::{Duration, Instant};
 use serial2::SerialPort;
 
 use super::{Device, LinkError};
+use spherecal_budget::link::SERIAL_WRITE;
 
 /// Rate of the boards' host link, in bits per second.
 pub(super) const BAUD: u32 = 921_600;
 /// One step of the host, in µs.
 const STEP_US: u64 = 1_000;
-/// How long the device may take no byte at all.
-const PATIENCE: Duration = Duration::from_secs(2);
 
 /// A controller board, reached over its host link.
 pub struct Serial {
@@ -56,7 +55,7 @@ impl Serial {
     pub fn over(mut port: SerialPort, name: &str) -> Result<Self, LinkError> {
         let set = port
             .set_read_timeout(Duration::from_micros(STEP_US))
-            .and_then(|()| port.set_write_timeout(PATIENCE))
+            .and_then(|()| port.set_write_timeout(SERIAL_WRITE))
             // Bytes that the board sent before anyone listened may begin in the middle of a frame.
             .and_then(|()| port.discard_input_buffer());
         let this = Self {

@@ -9,8 +9,6 @@
 
 mod ur;
 
-use std::time::Duration;
-
 use spherecal_fci::client as fci;
 use spherecal_fci::wire::{RobotMode, RobotState};
 use spherecal_fri::client as fri;
@@ -20,11 +18,10 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveState, TorqueSign};
 
 use crate::tcp::RemoteDrive;
 use crate::{Drive, LinkError};
+use spherecal_budget::robot::SILENCE;
 
 pub use ur::UrReader;
 
-/// How long a robot may be silent before reading fails.
-const SILENCE: Duration = Duration::from_secs(3);
 /// Joints of the arms behind a robot's own interface.
 const NATIVE_JOINTS: usize = crate::native::JOINTS;
 

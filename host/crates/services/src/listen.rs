@@ -2,9 +2,9 @@
 //!
 //! A server has few honest clients. It keeps at most [`CONNECTIONS`] connections open, and at most
 //! [`CONNECTIONS_OF_ONE_ADDRESS`] of one address on the network. When one more arrives, a connection is
-//! closed: first those that sent no complete request within [`LATE`](crate::budget::LATE), then the one that has been
+//! closed: first those that sent no complete request within [`LATE`](spherecal_budget::services::LATE), then the one that has been
 //! silent longest. So idle connections cannot lock out a client. A connection that sends no
-//! complete request within [`FIRST_REQUEST`] is always closed.
+//! complete request within [`HANDSHAKE`] is always closed.
 
 use std::io;
 use std::net::SocketAddr;
@@ -21,13 +21,11 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::oneshot;
 
-use crate::budget::{CONNECTIONS, CONNECTIONS_OF_ONE_ADDRESS, FIRST_REQUEST};
 use crate::open_connection::OpenConnection;
 use crate::responses::Responses;
+use spherecal_budget::HANDSHAKE;
+use spherecal_budget::services::{CONNECTIONS, CONNECTIONS_OF_ONE_ADDRESS, WAITING};
 
-/// Connections that may wait to be accepted. Where more wait, the system drops the next one, and its client tries
-/// again only after a second. The system may have a lower limit (`net.core.somaxconn`).
-const WAITING: u32 = 4096;
 /// Wait after an accept that failed, for example because no file descriptor is free.
 const AFTER_FAILURE: Duration = Duration::from_millis(50);
 
@@ -59,7 +57,7 @@ impl Open {
         let mut open = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         open.retain(|e| e.is_open());
         for entry in open.iter() {
-            if !entry.proven.load(Ordering::Relaxed) && entry.opened.elapsed() > FIRST_REQUEST {
+            if !entry.proven.load(Ordering::Relaxed) && entry.opened.elapsed() > HANDSHAKE {
                 entry.close();
             }
         }

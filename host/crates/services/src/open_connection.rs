@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::oneshot;
 
-use crate::budget::LATE;
+use spherecal_budget::services::LATE;
 
 /// What is known of an open connection.
 pub(crate) struct OpenConnection {

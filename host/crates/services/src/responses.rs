@@ -15,8 +15,9 @@ use axum::http::header::CONTENT_TYPE;
 use axum::response::Response;
 use http_body::{Frame, SizeHint};
 
-use crate::budget::{RESPONSE, RESPONSES};
+use crate::budget::RESPONSE;
 use crate::open_connection::OpenConnection;
+use spherecal_budget::services::RESPONSES;
 
 /// A response that waits, and its connection.
 struct Waiting {

@@ -12,15 +12,15 @@ use tokio::task::JoinHandle;
 use tonic::service::{InterceptorLayer, Routes, RoutesBuilder};
 use tonic::transport::{Identity, ServerTlsConfig};
 
-use crate::budget::{HEADERS, SILENCE, STREAMS, TURN_BYTES, WINDOW};
 use crate::grpc::proto::calibration_store_server::CalibrationStoreServer;
 use crate::grpc::proto::laser_tracker_server::LaserTrackerServer;
 use crate::grpc::proto::live_view_server::LiveViewServer;
 use crate::grpc::proto::robot_controller_server::RobotControllerServer;
-use crate::grpc::{DESCRIPTORS, LiveService, MAX_LIVE, MAX_MESSAGE, RobotService, StoreService, TrackerService};
+use crate::grpc::{DESCRIPTORS, LiveService, RobotService, StoreService, TrackerService};
 use crate::listen::{self, Listener};
 use crate::offer::Offer;
 use crate::{Guard, ServiceError, web};
+use spherecal_budget::services::{HEADER_BYTES, LIVE_BYTES, MESSAGE_BYTES, SILENCE, STREAMS, TURN_BYTES, WINDOW_BYTES};
 
 /// Serves what is offered until it is stopped.
 pub(crate) async fn serve(
@@ -33,9 +33,9 @@ pub(crate) async fn serve(
     let mut builder = tonic::transport::Server::builder()
         .max_concurrent_streams(STREAMS)
         .concurrency_limit_per_connection(STREAMS as usize)
-        .initial_stream_window_size(WINDOW)
-        .initial_connection_window_size(WINDOW)
-        .http2_max_header_list_size(HEADERS)
+        .initial_stream_window_size(WINDOW_BYTES)
+        .initial_connection_window_size(WINDOW_BYTES)
+        .http2_max_header_list_size(HEADER_BYTES)
         .http2_max_pending_accept_reset_streams(Some(STREAMS as usize))
         .http2_keepalive_interval(Some(SILENCE))
         .http2_keepalive_timeout(Some(SILENCE));
@@ -89,8 +89,8 @@ async fn routes(offer: Offer, guard: Guard) -> Result<Routes, ServiceError> {
     }
     if let Some(store) = offer.store {
         let service = CalibrationStoreServer::new(StoreService::new(store))
-            .max_decoding_message_size(MAX_MESSAGE)
-            .max_encoding_message_size(MAX_MESSAGE);
+            .max_decoding_message_size(MESSAGE_BYTES)
+            .max_encoding_message_size(MESSAGE_BYTES);
         health_reporter
             .set_serving::<CalibrationStoreServer<StoreService>>()
             .await;
@@ -99,7 +99,7 @@ async fn routes(offer: Offer, guard: Guard) -> Result<Routes, ServiceError> {
     if let Some((page, true)) = &offer.page {
         let service = LiveViewServer::new(LiveService::new(Arc::clone(&page.hub)));
         health_reporter.set_serving::<LiveViewServer<LiveService>>().await;
-        services.add_service(service.max_decoding_message_size(MAX_LIVE));
+        services.add_service(service.max_decoding_message_size(LIVE_BYTES));
     }
     // Reflection is guarded too: a client without access does not learn what the services are.
     let services = services

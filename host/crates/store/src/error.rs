@@ -39,9 +39,9 @@ pub enum StoreError {
     },
     /// Pages of the file are damaged.
     #[error(
-        "{path} is damaged ({what}): keep it, save the readable data into a new file with \
-         `spherecal store recover {path} NEW.db`, or choose another --out folder; nothing was changed",
-        path = path.display()
+        "{path} is damaged ({what}): keep it, {remedy}; nothing was changed",
+        path = path.display(),
+        remedy = of_damage(&path.display().to_string())
     )]
     Damaged {
         /// File.
@@ -162,6 +162,16 @@ pub enum StoreError {
     },
 }
 
+/// What to do with a database that is damaged.
+fn of_damage(path: &str) -> String {
+    if path.contains("://") {
+        return "restore it with the server's own tools, or choose another --store".to_owned();
+    }
+    format!(
+        "save the readable data into a new file with `spherecal store recover {path} NEW.db`, or choose another --out folder"
+    )
+}
+
 impl StoreError {
     /// Sorts the database's error by the action that it needs.
     pub(super) fn of(path: &Path, source: sqlx::Error) -> Self {
@@ -216,4 +226,24 @@ fn code(error: &sqlx::Error) -> Option<u32> {
         cause = error.source();
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if a damage of a server's database is told with a remedy that is for files alone.
+    #[test]
+    fn a_damage_is_told_with_a_remedy_that_works_there() {
+        let told = |path: &str| {
+            let (path, what) = (path.into(), "a row is missing".to_owned());
+            StoreError::Damaged { path, what }.to_string()
+        };
+        assert!(told("o/calibration.db").contains("store recover o/calibration.db NEW.db"));
+        let server = told("postgres://robots@db/fleet");
+        assert!(
+            server.contains("own tools") && !server.contains("store recover"),
+            "{server}"
+        );
+    }
 }

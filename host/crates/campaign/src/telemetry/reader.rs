@@ -11,6 +11,7 @@ use serde::de::DeserializeOwned;
 use super::messages::{Control, JointState, PhaseState, Uncertainty, Wrench, WrenchStamped};
 use super::ros::RosMessage;
 use super::writer::TelemetryError;
+use spherecal_budget::files::RECORD_BYTES;
 
 /// One sample of the control loop. What the file lacks is `None`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -31,9 +32,6 @@ pub struct Period {
     pub phase: Option<PhaseState>,
 }
 
-/// The longest record that is read, in bytes. A chunk of the writer has 1 MiB. The limit keeps a
-/// damaged length from taking all memory.
-const LONGEST_RECORD: usize = 64 << 20;
 /// The last bytes of a whole file.
 const END: &[u8] = mcap::MAGIC;
 
@@ -106,7 +104,7 @@ impl<'a> TelemetryMessages<'a> {
         let closed = bytes.len() >= 2 * END.len() && bytes.ends_with(END);
         let whole = if closed { bytes.len() } else { whole_records(bytes) };
         let options = LinearReaderOptions::default()
-            .with_record_length_limit(LONGEST_RECORD)
+            .with_record_length_limit(RECORD_BYTES)
             .with_prevalidate_chunk_crcs(true)
             .with_validate_data_section_crc(true);
         Ok(Self {

@@ -9,6 +9,7 @@ use spherecal_cyclic::{Machine, this_machine};
 use super::TorqueLimits;
 use crate::TCP_PORT;
 use crate::wire::Version;
+use spherecal_budget::robot as budget;
 
 /// Settings of a connection.
 #[derive(Clone, Debug)]
@@ -47,8 +48,8 @@ impl ClientConfig {
             port: TCP_PORT,
             local: IpAddr::V4(Ipv4Addr::UNSPECIFIED),
             versions: Version::ALL.to_vec(),
-            connect_timeout: Duration::from_secs(3),
-            response_timeout: Duration::from_secs(10),
+            connect_timeout: budget::CONNECT,
+            response_timeout: budget::FRANKA_ANSWER,
             state_timeout: Duration::from_millis(100),
             busy_poll_us: None,
             spin: Duration::ZERO,

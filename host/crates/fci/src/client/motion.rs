@@ -9,9 +9,8 @@ use crate::JOINTS;
 use crate::wire::{
     CollisionBehavior, FlangeLoad, MoveRequest, Request, RobotCommand, RobotMode, RobotState, Status, Version,
 };
+use spherecal_budget::robot::TRANSITION;
 
-/// How long the robot may take to show a motion's begin or end.
-const TRANSITION: Duration = Duration::from_secs(2);
 /// How long to look for a response that may not have come yet.
 const LOOK: Duration = Duration::from_millis(1);
 /// Commands after which the robot's success rate covers its whole window.

@@ -8,7 +8,9 @@ use std::time::{Duration, Instant};
 use spherecal_cyclic::{Machine, Stream, io_error as io};
 
 use super::{ClientConfig, ClientError};
-use crate::wire::{CommandHeader, CommandKind, HEADER_SIZE, MAX_RESPONSE, Request, Response, Status, Version};
+use crate::wire::{CommandHeader, CommandKind, HEADER_SIZE, Request, Response, Status, Version};
+use spherecal_budget::HANDSHAKE;
+use spherecal_budget::robot::RESPONSE_BYTES;
 
 /// A response with its body, copied out of the receive buffer.
 pub(super) struct RawResponse {
@@ -40,7 +42,8 @@ impl CommandChannel {
         version: Version,
         udp_port: u16,
     ) -> Result<(Self, Vec<u8>), ClientError> {
-        let (machine, response_timeout) = (Arc::clone(&config.machine), config.response_timeout);
+        let machine = Arc::clone(&config.machine);
+        let after = config.response_timeout.min(HANDSHAKE);
         let stream = machine
             .connect(address, config.connect_timeout)
             .map_err(|source| ClientError::Connect { address, source })?;
@@ -60,12 +63,12 @@ impl CommandChannel {
             udp_port,
         };
         let id = tcp.send(&request)?;
-        let deadline = tcp.machine.now() + response_timeout;
+        let deadline = tcp.machine.now() + after;
         loop {
             let Some((header, payload)) = tcp.frame(deadline)? else {
                 return Err(ClientError::NoResponse {
                     command: CommandKind::Connect,
-                    after: response_timeout,
+                    after,
                 });
             };
             if header.command == 0 && header.id == id {
@@ -175,7 +178,7 @@ impl CommandChannel {
     fn frame(&mut self, deadline: Instant) -> Result<Option<(CommandHeader, Vec<u8>)>, ClientError> {
         loop {
             if self.received.len() >= HEADER_SIZE {
-                let header = CommandHeader::decode(&self.received, MAX_RESPONSE)?;
+                let header = CommandHeader::decode(&self.received, RESPONSE_BYTES)?;
                 let size = header.size as usize;
                 if self.received.len() >= size {
                     let payload = self.received[HEADER_SIZE..size].to_vec();

@@ -6,8 +6,6 @@ use super::{Version, WireError};
 pub const HEADER_SIZE: usize = 12;
 /// The largest request that a robot side takes, bytes. The largest real one, `SetCollisionBehavior`, has 428.
 pub const MAX_REQUEST: usize = 4096;
-/// The largest response that a client takes, bytes. A robot model in URDF has some 10 kB, a model library some 100 kB.
-pub const MAX_RESPONSE: usize = 16 << 20;
 
 /// A command of the TCP channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

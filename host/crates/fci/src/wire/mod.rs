@@ -22,7 +22,7 @@ mod status;
 mod udp;
 mod version;
 
-pub use command::{CommandHeader, CommandKind, HEADER_SIZE, MAX_REQUEST, MAX_RESPONSE};
+pub use command::{CommandHeader, CommandKind, HEADER_SIZE, MAX_REQUEST};
 pub use errors::{ErrorFlag, ErrorSet};
 pub use modes::{ControllerMode, MotionGeneratorMode, MoveControllerMode, MoveGeneratorMode, RobotMode};
 pub use request::{CollisionBehavior, ConnectAnswer, Deviation, FlangeLoad, MoveRequest, Request};
@@ -145,7 +145,7 @@ pub fn fuzz_decode(data: &[u8]) {
             }
         }
         _ => {
-            let Ok(header) = CommandHeader::decode(body, MAX_RESPONSE) else {
+            let Ok(header) = CommandHeader::decode(body, spherecal_budget::robot::RESPONSE_BYTES) else {
                 return;
             };
             let payload = &body[HEADER_SIZE..];

@@ -12,8 +12,9 @@ use spherecal_shared::protocol::host::LoopTiming;
 
 use super::franka_setup::{FrankaOptions, joint_limits, open, own_limits};
 use super::monitor::{DriveRecorder, Monitor};
-use super::{DriveEvent, GIVE_UP, JOINTS, PAUSE_TICKS, fill, periods, torques};
+use super::{DriveEvent, JOINTS, PAUSE_TICKS, fill, periods, torques};
 use crate::{Drive, LinkError};
+use spherecal_budget::robot::GIVE_UP;
 
 /// Session number of the drive: a lost connection ends the run, or goes on in the
 /// same session.

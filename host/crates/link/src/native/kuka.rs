@@ -13,16 +13,13 @@ use spherecal_shared::protocol::host::LoopTiming;
 use spherecal_shared::robot::{Arm, Dynamics as _, Robot, Tool};
 
 use super::monitor::{DriveRecorder, Monitor};
-use super::{DriveEvent, GIVE_UP, JOINTS, PAUSE_TICKS, Undeclared, fill, periods, torques};
+use super::{DriveEvent, JOINTS, PAUSE_TICKS, Undeclared, fill, periods, torques};
 use crate::{Drive, LinkError};
+use spherecal_budget::robot::{FIRST, GIVE_UP, START};
 
 /// Session number of the drive: a lost connection ends the run, or goes on in the
 /// same session.
 const SESSION: u32 = 1;
-/// How long to wait for the cabinet's first message, and then for a good connection.
-const FIRST: Duration = Duration::from_mins(1);
-/// How long to wait for a person who starts the application's motion. Shorter than the host's patience.
-const START: Duration = Duration::from_secs(45);
 /// States that are averaged for the sign of the torques.
 const SIGN_STATES: u32 = 100;
 

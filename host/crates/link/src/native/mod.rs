@@ -57,8 +57,6 @@ pub struct Undeclared {
 
 /// Joints of an arm of Franka or KUKA.
 pub const JOINTS: usize = 7;
-/// How long a robot may be silent before the drive gives up.
-const GIVE_UP: Duration = Duration::from_mins(1);
 /// Periods between a stop and the next attempt to move. The host sees the fault first.
 const PAUSE_TICKS: u64 = 1000;
 

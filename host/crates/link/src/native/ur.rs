@@ -14,8 +14,9 @@ use spherecal_ur::wire::{Order, SafetyMode};
 
 use super::monitor::{DriveRecorder, Monitor};
 use super::ur_start::{Sent, UrError, UrOptions, begin, start};
-use super::{DriveEvent, GIVE_UP, fill, periods, torques};
+use super::{DriveEvent, fill, periods, torques};
 use crate::{Drive, LinkError};
+use spherecal_budget::robot::GIVE_UP;
 
 /// Session number of the drive: a lost connection ends the run, or goes on in the same session.
 const SESSION: u32 = 1;

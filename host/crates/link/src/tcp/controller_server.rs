@@ -18,20 +18,20 @@ use spherecal_shared::protocol::frame::{MAX_FRAME, Message as _};
 use spherecal_shared::protocol::host::Downlink;
 
 use super::TcpError;
-use super::greeting::{SILENT, WHO, gives_way, hello_frame};
+use super::greeting::{WHO, gives_way, hello_frame};
 use super::lobby::{Candidate, Lobby, Look};
-use super::progress::{FrameWatch, NO_FRAME};
+use super::progress::FrameWatch;
 use super::turns::Turns;
 use crate::{Device, LinkError, LocalDevice};
+use spherecal_budget::link::{NO_FRAME, READ, SILENT};
 
 pub use super::real_time_hosts::HostService;
 
-/// How long a host in lock-step may take to read.
-const READ: Duration = Duration::from_secs(5);
 /// How often a silent host in lock-step is looked after, once it has earned its place.
 const LOOK: Duration = Duration::from_millis(250);
 /// How often those who wait are looked after while no host has earned the place.
 const IDLE: Duration = Duration::from_millis(5);
+
 /// Serves one host after the other; with `once` it returns when the first that got the place has disconnected. `told`
 /// is given the reason for which a host was disconnected.
 ///

@@ -14,20 +14,13 @@ use super::stream::Stream;
 use super::wire::{Parsed, Wire};
 use crate::serial::open_port;
 use crate::{Drive, LinkError};
+use spherecal_budget::HANDSHAKE;
+use spherecal_budget::link::{AHEAD, FIRST_STATE, PERIOD};
 
-/// How long a drive may take to send its hello.
-const HELLO: Duration = Duration::from_secs(10);
 /// How often a drive at a serial port is asked for its hello.
 const ASK: Duration = Duration::from_millis(200);
 /// Rate of the boards' drive link, in bits per second.
 pub(super) const DRIVE_BAUD: u32 = 3_000_000;
-/// How long a lock-step drive may take for one period. A simulator that someone pauses by hand is
-/// given up after this time.
-const ANSWER: Duration = Duration::from_mins(1);
-/// How long a drive in real time may take for its first state.
-const FIRST_STATE: Duration = Duration::from_secs(5);
-/// Periods in which a lock-step drive may have sent more than the one state that it owes.
-const AHEAD: u32 = 50;
 
 /// How long before a state is due this side starts to poll for it.
 const EARLY: Duration = Duration::from_micros(250);
@@ -101,10 +94,12 @@ impl RemoteDrive {
     /// Nothing answers there, or the answer is not of this drive link.
     pub fn connect(address: &str) -> Result<Self, TcpError> {
         let mut wire = Wire::connect(address)?;
-        let hello: DriveHello = wire.wait_for("a drive's hello", HELLO).map_err(|error| match error {
-            TcpError::Silent { peer, seconds, .. } => TcpError::NotADrive { peer, seconds },
-            other => other,
-        })?;
+        let hello: DriveHello = wire
+            .wait_for("a drive's hello", HANDSHAKE)
+            .map_err(|error| match error {
+                TcpError::Silent { peer, seconds, .. } => TcpError::NotADrive { peer, seconds },
+                other => other,
+            })?;
         Self::greeted(wire, hello)
     }
 
@@ -132,7 +127,7 @@ impl RemoteDrive {
         };
         let mut asked: Option<Instant> = None;
         // States of a drive that is asked already come between.
-        while begun.elapsed() < HELLO {
+        while begun.elapsed() < HANDSHAKE {
             if asked.is_none_or(|asked| asked.elapsed() >= ASK) {
                 wire.send(&question, 0)?;
                 asked = Some(Instant::now());
@@ -143,13 +138,13 @@ impl RemoteDrive {
         }
         Err(TcpError::NotADrive {
             peer: peer.to_owned(),
-            seconds: HELLO.as_secs(),
+            seconds: HANDSHAKE.as_secs(),
         })
     }
 
     fn greeted(mut wire: Wire, hello: DriveHello) -> Result<Self, TcpError> {
         let schedule = if hello.lock_step {
-            wire.patience(Some(ANSWER))?;
+            wire.patience(Some(PERIOD))?;
             None
         } else {
             Some(RealTimeSchedule::new(hello.period_us))
@@ -242,7 +237,7 @@ impl Drive for RemoteDrive {
         if self.schedule.is_some() {
             self.newest(state)?;
         } else {
-            *state = self.next_state()?.ok_or_else(|| self.silent(ANSWER))?;
+            *state = self.next_state()?.ok_or_else(|| self.silent(PERIOD))?;
             self.ahead = if self.wire.has_more() {
                 self.ahead + 1
             } else {

@@ -1,14 +1,12 @@
 //! How hosts are greeted and sent away, in lock-step and in real time.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use spherecal_shared::protocol::frame::{self, MAX_FRAME};
 
 use super::TcpError;
 use crate::{Device as _, LocalDevice};
 
-/// How long a host in real time may be silent, and one in lock-step if another one waits.
-pub(super) const SILENT: Duration = Duration::from_secs(5);
 /// What the peers are called.
 pub(super) const WHO: &str = "the host";
 

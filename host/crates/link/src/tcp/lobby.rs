@@ -16,12 +16,7 @@ use spherecal_shared::protocol::frame::MAX_FRAME;
 
 use super::TcpError;
 use super::progress::FrameWatch;
-
-/// Most peers that wait, of 12 kB each at most. One more closes the connection that has waited longest: with 16 places,
-/// 350 connections a second closed that of an honest peer, on a busy machine, before its first frame had come.
-const MOST: usize = 64;
-/// Most bytes that a peer may send before its first valid frame is complete.
-const BYTES: usize = 4 * MAX_FRAME;
+use spherecal_budget::link::{WAITING, WAITING_FRAMES};
 
 /// A peer that waits.
 pub(super) struct Candidate {
@@ -108,7 +103,7 @@ impl Lobby {
         let failed = |error| TcpError::of(self.who, error);
         listener.set_nonblocking(true).map_err(failed)?;
         // So many in one look at most: a flood of connections must not keep the caller.
-        for _ in 0..MOST {
+        for _ in 0..WAITING {
             // Nobody, a peer that is gone already, or no descriptor is free: the next look tries again.
             let Ok((mut stream, address)) = listener.accept() else {
                 break;
@@ -121,7 +116,7 @@ impl Lobby {
             if greeted.is_err() {
                 continue;
             }
-            if self.waiting.len() >= MOST {
+            if self.waiting.len() >= WAITING {
                 self.waiting.pop_front();
             }
             self.waiting.push_back(Candidate::new(stream, address, self.key));
@@ -153,7 +148,7 @@ impl Candidate {
                     let came = buffer.get(..count).unwrap_or_default();
                     self.bytes.extend_from_slice(came);
                     spoke = self.watch.look(came);
-                    if !spoke && self.bytes.len() > BYTES {
+                    if !spoke && self.bytes.len() > WAITING_FRAMES * MAX_FRAME {
                         return Err(self.watch.progress.babble(&peer()));
                     }
                 }

@@ -5,13 +5,7 @@ use std::time::{Duration, Instant};
 use spherecal_shared::protocol::frame::{self, Accumulator, Message};
 
 use super::TcpError;
-
-/// How long bytes may come without a valid frame.
-pub(super) const NO_FRAME: Duration = Duration::from_secs(5);
-/// Bytes that may come without a valid frame: some hundred of the largest frames.
-const NO_FRAME_BYTES: usize = 1 << 20;
-/// Messages that may have piled up while this side was stopped.
-const PILED_UP: u64 = 2_000;
+use spherecal_budget::link::{NO_FRAME, NO_FRAME_BYTES, PILED_UP};
 
 /// Bytes and time since the last valid frame.
 #[derive(Debug, Default)]

@@ -8,15 +8,12 @@ use spherecal_shared::protocol::frame::{MAX_FRAME, Message as _};
 use spherecal_shared::protocol::host::Downlink;
 
 use super::TcpError;
-use super::greeting::{SILENT, WHO, gives_way, hello_frame};
+use super::greeting::{WHO, gives_way, hello_frame};
 use super::lobby::{Candidate, Lobby, Look};
 use super::progress::FrameWatch;
 use crate::{Device as _, LinkError, LocalDevice};
+use spherecal_budget::link::{BACKLOG_BYTES, FRAMES_DOWN, SILENT};
 
-/// Bytes that may wait for a host in real time. A host that falls behind further is disconnected.
-const BACKLOG: usize = 1 << 20;
-/// Bytes of a host that the controller takes in one period; further bytes wait.
-const DOWN: usize = 4 * MAX_FRAME;
 /// Bytes that the controller sends in one period, with room to spare.
 const UP: usize = 16 * MAX_FRAME;
 
@@ -54,7 +51,7 @@ impl<'a> HostService<'a> {
             host: None,
             silent,
             reason: None,
-            down: Vec::with_capacity(DOWN + MAX_FRAME),
+            down: Vec::with_capacity(FRAMES_DOWN * MAX_FRAME + MAX_FRAME),
             up: Vec::with_capacity(UP),
         })
     }
@@ -150,7 +147,7 @@ impl Host {
     fn new(candidate: Candidate, silent: Option<Duration>) -> Self {
         Self {
             stream: candidate.stream,
-            backlog: Vec::with_capacity(BACKLOG + UP + 1),
+            backlog: Vec::with_capacity(BACKLOG_BYTES + UP + 1),
             peer: format!("{WHO} at {}", candidate.address),
             silent,
             watch: FrameWatch::of::<Downlink>(),
@@ -164,7 +161,7 @@ impl Host {
     fn read(&mut self, down: &mut Vec<u8>) -> Result<(), TcpError> {
         let mut buffer = [0; MAX_FRAME];
         down.append(&mut self.early);
-        while down.len() < DOWN {
+        while down.len() < FRAMES_DOWN * MAX_FRAME {
             match self.stream.read(&mut buffer) {
                 Ok(0) => {
                     return Err(TcpError::Closed {
@@ -216,7 +213,7 @@ impl Host {
         }
         let stuck = self.stuck.get_or_insert_with(Instant::now).elapsed();
         let hangs = self.silent.is_some_and(|most| stuck >= most);
-        if hangs || self.backlog.len() > BACKLOG {
+        if hangs || self.backlog.len() > BACKLOG_BYTES {
             return Err(TcpError::Deaf {
                 peer: self.peer.clone(),
                 seconds: stuck.as_secs(),

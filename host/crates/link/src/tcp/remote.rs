@@ -8,19 +8,14 @@ use spherecal_shared::protocol::drive::DriveHello;
 use spherecal_shared::protocol::host::Uplink;
 
 use super::controller_server::serve_own_host;
-use super::progress::{FrameWatch, NO_FRAME};
+use super::progress::FrameWatch;
 use super::stream::Stream;
 use super::turns::Turns;
 use super::wire::Wire;
 use super::{TcpError, listen};
 use crate::native::{Monitor, enter_real_time};
 use crate::{Device, Drive, LinkError, LocalDevice, check_hello, controller_in_process};
-
-/// How long a controller may take for one period, drive included. Also in real time: a robot's own interface may wait
-/// 45 s for a person who starts the application on the cabinet, and the controller's thread waits with it.
-const TURN: Duration = Duration::from_mins(1);
-/// How long a controller may take for its hello. One that serves another host takes longer.
-const HELLO: Duration = Duration::from_secs(15);
+use spherecal_budget::link::{CONTROLLER_HELLO, NO_FRAME, PERIOD};
 
 /// How often a silent controller is looked after.
 const LOOK: Duration = Duration::from_millis(500);
@@ -59,7 +54,7 @@ impl Remote {
     fn connect_once(address: &str, joints: usize) -> Result<Self, LinkError> {
         let mut wire = Wire::connect(address)?;
         let peer = wire.peer.clone();
-        let hello: DriveHello = match wire.wait_for("the hello of a controller's drive", HELLO) {
+        let hello: DriveHello = match wire.wait_for("the hello of a controller's drive", CONTROLLER_HELLO) {
             Err(TcpError::Silent { peer, seconds, .. }) => return Err(TcpError::Busy { peer, seconds }.into()),
             other => other?,
         };
@@ -176,7 +171,7 @@ impl Remote {
                     bytes: self.turns.waiting(),
                 });
             }
-            if self.turns.waiting() == 0 && waited >= TURN {
+            if self.turns.waiting() == 0 && waited >= PERIOD {
                 return Err(TcpError::Silent {
                     peer: self.peer.clone(),
                     seconds: waited.as_secs(),

@@ -15,6 +15,7 @@ use super::stream::Stream;
 use super::wire::Wire;
 use crate::serial::open_port;
 use crate::{Drive, LinkError};
+use spherecal_budget::link::{LATE, SILENT};
 
 /// Periods without a command after which a real-time drive closes its brakes. Until then the last
 /// torque is kept.
@@ -25,14 +26,10 @@ const HELD_PERIODS: u32 = 10;
 const BEHIND: Duration = Duration::from_secs(1);
 /// What the peers are called.
 const WHO: &str = "the controller";
-/// How long a controller may be silent: in real time at all, in lock-step if another one sends a command.
-const SILENT: Duration = Duration::from_secs(5);
 /// How often those who wait are looked after while nobody is served.
 const LOOK: Duration = Duration::from_millis(5);
 /// How often a silent controller in lock-step is looked after.
 const PATIENCE: Duration = Duration::from_millis(250);
-/// Commands for older states that a lock-step controller may send in a row.
-const LATE: u64 = 1000;
 
 /// Counts of one controller's connection.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -1,9 +1,7 @@
 //! Turns of the host link: each side's bytes of one period, which end with a zero byte that has no frame before it.
 
 use super::TcpError;
-
-/// Most bytes of a turn. A turn has a few frames, and what was repeated while the other side stood.
-const MOST_OF_A_TURN: usize = 1 << 20;
+use spherecal_budget::link::TURN_BYTES;
 
 /// Splits a byte stream into turns.
 #[derive(Debug, Default)]
@@ -29,7 +27,7 @@ impl Turns {
     /// Fails if the present turn has too many bytes.
     pub(super) fn check(&self, peer: &str) -> Result<(), TcpError> {
         let bytes = self.waiting();
-        if bytes <= MOST_OF_A_TURN {
+        if bytes <= TURN_BYTES {
             return Ok(());
         }
         Err(TcpError::Endless {

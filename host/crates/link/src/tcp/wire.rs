@@ -16,11 +16,8 @@ use super::TcpError;
 use super::lobby::Candidate;
 use super::progress::FrameGap;
 use super::stream::Stream;
-
-/// How long it may take to connect.
-const CONNECT: Duration = Duration::from_secs(5);
-/// How long the other side may take to read.
-const READ: Duration = Duration::from_secs(5);
+use spherecal_budget::CONNECT;
+use spherecal_budget::link::READ;
 
 /// Outcome of parsing one frame.
 #[expect(clippy::large_enum_variant, reason = "frames are parsed without an allocation")]
@@ -121,7 +118,7 @@ impl Wire {
     }
 
     /// Reads wait at most this long for the first byte of a message; `None` waits for ever. Bytes that
-    /// come and are no valid frame for [`NO_FRAME`](super::progress::NO_FRAME) are an error.
+    /// come and are no valid frame for [`NO_FRAME`](spherecal_budget::link::NO_FRAME) are an error.
     pub(super) fn patience(&mut self, patience: Option<Duration>) -> Result<(), TcpError> {
         (self.patience, self.limit, self.waits) = (patience, patience, true);
         self.stream

@@ -6,12 +6,12 @@ use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::Streaming;
 
-use super::MAX_MESSAGE;
 use super::peer::{connect, within};
 use super::proto::robot_controller_client::RobotControllerClient;
 use super::proto::{ControllerTurn, DescribeRequest, HostTurn};
 use crate::ServiceError;
-use crate::budget::TURN;
+use spherecal_budget::link::PERIOD;
+use spherecal_budget::services::MESSAGE_BYTES;
 use spherecal_link::tcp::check_limits;
 use spherecal_link::{Device, LinkError};
 use spherecal_store::Peer;
@@ -53,14 +53,14 @@ impl RemoteRobot {
                 let status = |status| ServiceError::status(&name, &status);
                 let (channel, credentials) = connect(peer).await?;
                 let mut client = RobotControllerClient::with_interceptor(channel, credentials)
-                    .max_decoding_message_size(MAX_MESSAGE);
+                    .max_decoding_message_size(MESSAGE_BYTES);
                 let begun = async {
                     let about = client.describe(DescribeRequest {}).await.map_err(status)?.into_inner();
                     let up = client.attach(ReceiverStream::new(turns)).await.map_err(status)?;
                     Ok::<_, ServiceError>((about.limits, up.into_inner()))
                 };
                 // The device is made now: it may wait for a person at the cabinet.
-                within(TURN, &name, "did not answer", begun).await
+                within(PERIOD, &name, "did not answer", begun).await
             })
             .map_err(failed)?;
         if limits.len() != robot.dof() {
@@ -106,7 +106,7 @@ impl RemoteRobot {
                     Err(status) => Err(ServiceError::status(&self.peer, &status)),
                 }
             };
-            within(TURN, &self.peer, "answered no period", answer).await
+            within(PERIOD, &self.peer, "answered no period", answer).await
         })
     }
 }

@@ -16,8 +16,6 @@ use crate::ServiceError;
 use crate::live::{Hub, ViewerMessage, WAITING};
 use spherecal_store::Peer;
 
-/// Largest accepted message, in bytes. A frame has about ten thousand.
-pub(crate) const MAX_LIVE: usize = 256 << 10;
 /// Time until a lost server is tried again.
 const AGAIN: Duration = Duration::from_secs(2);
 /// How long the last messages may take.

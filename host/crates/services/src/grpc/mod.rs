@@ -36,7 +36,7 @@ pub use store_client::RemoteStore;
 pub use tracker::{RemoteTracker, TrackerFactory};
 
 pub(crate) use certificate::certificate_words;
-pub(crate) use live::{LiveService, MAX_LIVE};
+pub(crate) use live::LiveService;
 pub(crate) use robot::RobotService;
 pub(crate) use store_server::StoreService;
 pub(crate) use tracker::TrackerService;
@@ -49,6 +49,3 @@ pub mod proto {
 
 /// The services' description of themselves, for reflection.
 pub(crate) const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/spherecal.bin"));
-
-/// Largest message, in bytes: a whole grid's recordings are about 1 MB.
-pub(crate) const MAX_MESSAGE: usize = 64 << 20;

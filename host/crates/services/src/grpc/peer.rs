@@ -10,17 +10,26 @@ use tokio::runtime::Runtime;
 use tonic::metadata::MetadataValue;
 use tonic::service::Interceptor;
 use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint};
-use tonic::{Request, Status};
+use tonic::{Code, Request, Status};
 use tonic_health::pb::HealthCheckRequest;
 use tonic_health::pb::health_client::HealthClient;
 
 use super::certificate::CA_VARIABLE;
 use crate::ServiceError;
-use crate::budget::{HANDSHAKE, SILENCE};
+use crate::budget::HANDSHAKE;
 use crate::guard::{CERTIFICATE, Guard, read_pem};
+use spherecal_budget::services::SILENCE;
 
 /// Environment variable with the token that a client shows.
 const TOKEN_VARIABLE: &str = "SPHERECAL_TOKEN";
+
+/// Refusals by which a server shows that it speaks the protocol.
+const SPEAKS: [Code; 4] = [
+    Code::Unimplemented,
+    Code::NotFound,
+    Code::Unauthenticated,
+    Code::PermissionDenied,
+];
 
 /// A runtime for one connection. It has a thread of its own: a server closes a connection that leaves its pings without
 /// an answer, and the thread answers them while the caller plans or waits for a person. A robot's connection has none:
@@ -58,11 +67,13 @@ pub(super) async fn connect(peer: &Peer) -> Result<(Channel, Credentials), Servi
     let credentials = Credentials::from_environment(&name)?;
     let connecting = async {
         let channel = endpoint.connect().await.map_err(transport)?;
-        // Any answer will do: a server without this service speaks the protocol, too.
+        // A server without this service speaks the protocol, too, and one that wants a token. An answer that cannot be
+        // read earns no place.
         let mut health = HealthClient::with_interceptor(channel.clone(), credentials.clone());
         match health.check(HealthCheckRequest::default()).await {
-            Err(status) if status.source().is_some() => Err(ServiceError::status(&name, &status)),
-            _ => Ok(channel),
+            Ok(_) => Ok(channel),
+            Err(status) if status.source().is_none() && SPEAKS.contains(&status.code()) => Ok(channel),
+            Err(status) => Err(ServiceError::status(&name, &status)),
         }
     };
     let channel = within(

@@ -9,7 +9,6 @@ use tonic::service::interceptor::InterceptedService;
 use tonic::transport::Channel;
 use tonic::{Response, Status};
 
-use super::MAX_MESSAGE;
 use super::convert;
 use super::peer::{Credentials, connect, own_runtime, within};
 use super::proto::calibration_store_client::CalibrationStoreClient;
@@ -19,6 +18,7 @@ use super::proto::{
 };
 use crate::ServiceError;
 use crate::budget::ANSWER;
+use spherecal_budget::services::MESSAGE_BYTES;
 use spherecal_model::LaserShot;
 use spherecal_store::{CalibrationStore, NewRun, Peer, Placed, RunInfo, SessionEnd, StoreError, StoredRun};
 
@@ -44,8 +44,8 @@ impl RemoteStore {
         let runtime = own_runtime()?;
         let (channel, credentials) = runtime.block_on(connect(peer))?;
         let client = CalibrationStoreClient::with_interceptor(channel, credentials)
-            .max_decoding_message_size(MAX_MESSAGE)
-            .max_encoding_message_size(MAX_MESSAGE);
+            .max_decoding_message_size(MESSAGE_BYTES)
+            .max_encoding_message_size(MESSAGE_BYTES);
         Ok(Self {
             runtime,
             peer: peer.to_string(),

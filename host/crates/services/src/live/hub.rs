@@ -8,11 +8,10 @@ use serde::Serialize;
 use tokio::sync::{broadcast, mpsc};
 
 use super::{End, Frame, LiveContact, LiveScene, ViewerMessage};
+use spherecal_budget::services::RUNS;
 
 /// Messages that may wait for a browser before it is sent the whole state again.
 const NEWS: usize = 64;
-/// Runs shown at once. Beyond this number, the run that ended first is removed, or else the oldest.
-const RUNS: usize = 32;
 /// Runs kept after their end.
 const ENDED: usize = 4;
 /// Points of the force curve kept for browsers that connect later: half a minute.

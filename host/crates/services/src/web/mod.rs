@@ -34,12 +34,10 @@ use tokio_stream::wrappers::ReceiverStream;
 use crate::live::Hub;
 use crate::{Guard, SharedStore};
 use report::Reports;
+use spherecal_budget::services::EVENTS;
 use spherecal_store::{CalibrationStore, StoreError};
 
 pub use report::{ReportError, ReportReader, ReportWriter};
-
-/// Events that wait for one browser.
-const UNDER_WAY: usize = 4;
 
 /// What a page shows.
 #[derive(Clone, Default)]
@@ -142,7 +140,7 @@ async fn with_store<T: Send + 'static>(
 
 /// Runs that go on, as server-sent events.
 async fn live(State(site): State<Arc<RequestContext>>) -> Response {
-    let (out, events) = mpsc::channel::<Result<Event, Infallible>>(UNDER_WAY);
+    let (out, events) = mpsc::channel::<Result<Event, Infallible>>(EVENTS);
     let hub = Arc::clone(&site.page.hub);
     // This task follows the browser's speed; messages that the browser is too slow for are dropped.
     tokio::spawn(async move {

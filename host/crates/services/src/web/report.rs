@@ -11,7 +11,7 @@ use axum::response::{IntoResponse, Response};
 use tokio::sync::Mutex;
 
 use super::{RequestContext, headers, refused, with_store};
-use crate::budget::REPORT;
+use spherecal_budget::services::{REPORT, REPORTS};
 use spherecal_store::{CalibrationStore, RunInfo};
 
 /// Why a report could not be written.
@@ -23,9 +23,6 @@ pub type ReportWriter = Box<dyn FnOnce() -> Result<String, ReportError> + Send>;
 /// Reads the input of the report of a stored run. Everything after that works without the store.
 pub type ReportReader =
     Arc<dyn Fn(&mut dyn CalibrationStore, &RunInfo) -> Result<ReportWriter, ReportError> + Send + Sync>;
-
-/// Reports kept.
-const KEPT: usize = 8;
 
 /// A report that was written. All its responses share it.
 struct Kept {
@@ -77,7 +74,7 @@ pub(super) async fn report(State(site): State<Arc<RequestContext>>, Path(run): P
                 page: page.clone(),
                 until: (!complete).then(|| Instant::now() + REPORT),
             });
-            if kept.len() > KEPT {
+            if kept.len() > REPORTS {
                 kept.pop_front();
             }
             (headers("text/html; charset=utf-8"), page).into_response()

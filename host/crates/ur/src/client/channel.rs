@@ -8,6 +8,7 @@ use std::time::Instant;
 use spherecal_cyclic::{Machine, Stream, io_error as io};
 
 use super::{ClientConfig, ClientError};
+use spherecal_budget::robot::LINE;
 
 /// Bytes read at once.
 const PART: usize = 4096;
@@ -51,9 +52,7 @@ impl Channel {
     }
 
     pub(super) fn send(&mut self, bytes: &[u8]) -> Result<(), ClientError> {
-        self.stream
-            .set_wait(Some(std::time::Duration::from_secs(1)))
-            .map_err(io("set a timeout"))?;
+        self.stream.set_wait(Some(LINE)).map_err(io("set a timeout"))?;
         self.stream.write_all(bytes).map_err(|error| match error.kind() {
             ErrorKind::BrokenPipe | ErrorKind::ConnectionReset => ClientError::Closed,
             _ => io("send a request")(error).into(),

@@ -8,6 +8,7 @@ use spherecal_cyclic::{Machine, this_machine};
 
 use super::ClientError;
 use crate::{DASHBOARD_BELOW_RTDE, PRIMARY_BELOW_RTDE, RTDE_PORT};
+use spherecal_budget::robot as budget;
 
 /// Settings of a connection.
 #[derive(Clone, Debug)]
@@ -33,8 +34,8 @@ impl ClientConfig {
             machine: this_machine(),
             host: host.into(),
             port: RTDE_PORT,
-            connect_timeout: Duration::from_secs(3),
-            response_timeout: Duration::from_secs(3),
+            connect_timeout: budget::CONNECT,
+            response_timeout: budget::UR_ANSWER,
             state_timeout: Duration::from_secs(1),
         }
     }

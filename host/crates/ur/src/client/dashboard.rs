@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use super::channel::Channel;
 use super::{ClientConfig, ClientError};
+use spherecal_budget::robot::{LINE, LINE_BYTES};
 
 /// What this client asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,15 +28,12 @@ impl DashboardCommand {
     }
 }
 
-/// The longest answer that is read, bytes.
-const LONGEST: usize = 1024;
-
 /// Asks for these things, one after the other, and returns the last answer.
 ///
 /// # Errors
 /// A [`ClientError`] if the dashboard cannot be reached or does not answer in time.
 pub fn ask_dashboard(config: &ClientConfig, commands: &[DashboardCommand]) -> Result<String, ClientError> {
-    let after = config.response_timeout.min(Duration::from_secs(1));
+    let after = config.response_timeout.min(LINE);
     let mut channel = Channel::connect(config, &config.addresses(config.dashboard_port())?)?;
     let mut answer = line(&mut channel, "greeting", after)?;
     for command in commands {
@@ -52,7 +50,7 @@ fn line(channel: &mut Channel, request: &'static str, after: Duration) -> Result
             let line: Vec<u8> = channel.received.drain(..=end).collect();
             return Ok(String::from_utf8_lossy(&line).trim().to_owned());
         }
-        if channel.received.len() > LONGEST || !channel.receive(Some(deadline))? {
+        if channel.received.len() > LINE_BYTES || !channel.receive(Some(deadline))? {
             return Err(ClientError::NoAnswer {
                 request,
                 interface: "dashboard",

@@ -9,13 +9,10 @@ use spherecal_cyclic::{Listener, Machine, Wire};
 use super::controls::Controls;
 use crate::wire::{RobotMode, RuntimeState, SafetyMode, words};
 use crate::{DASHBOARD_BELOW_RTDE, PRIMARY_BELOW_RTDE};
+use spherecal_budget::robot::{CLIENTS, SCRIPT_BYTES};
 
-/// Clients of each port.
-pub(super) const MOST_CLIENTS: usize = 8;
 /// Groups of free ports that are tried.
 const TRIALS: usize = 64;
-/// The longest script that is taken, bytes: that of `ur-rtde` has 50,298.
-const LONGEST_SCRIPT: usize = 1 << 17;
 /// How far the ports that take scripts are below RTDE's: primary, secondary and realtime interface.
 const SCRIPTS_BELOW_RTDE: [u16; 3] = [PRIMARY_BELOW_RTDE, 2, 1];
 
@@ -68,7 +65,7 @@ impl Ports {
     pub(super) fn serve(&mut self, calibration: &[u8], controls: &Controls, stopped_s: f64) -> Vec<String> {
         for (k, listener) in self.scripts.iter().enumerate() {
             while let Ok((stream, _)) = listener.accept() {
-                if self.senders.len() < 3 * MOST_CLIENTS {
+                if self.senders.len() < 3 * CLIENTS {
                     let mut wire = Wire::new(stream);
                     if k == 0 {
                         wire.send(calibration);
@@ -79,7 +76,7 @@ impl Ports {
             }
         }
         while let Ok((stream, _)) = self.dashboard.accept() {
-            if self.people.len() < MOST_CLIENTS {
+            if self.people.len() < CLIENTS {
                 let mut wire = Wire::new(stream);
                 wire.send(b"Connected: Universal Robots Dashboard Server\n");
                 self.people.push(wire);
@@ -102,7 +99,7 @@ impl Ports {
             if whole || (!alive && !sender.script.is_empty()) {
                 scripts.push(String::from_utf8_lossy(&std::mem::take(&mut sender.script)).into_owned());
             }
-            if sender.script.len() > LONGEST_SCRIPT {
+            if sender.script.len() > SCRIPT_BYTES {
                 sender.wire.close();
                 alive = false;
             }

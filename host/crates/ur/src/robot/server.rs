@@ -12,7 +12,7 @@ use super::arm::{ArmCommand, ArmHardware};
 use super::config::RobotConfig;
 use super::controls::{Controls, RobotStatistics};
 use super::outputs::{Outputs, known};
-use super::ports::{MOST_CLIENTS, Ports, open};
+use super::ports::{Ports, open};
 use super::programs::{Program, torque_order};
 use super::registers::Registers;
 use super::session::{Session, Wanted};
@@ -21,11 +21,10 @@ use crate::wire::{
     Answer, MAX_NAMES, MAX_REQUEST, NOT_FOUND, PROTOCOL, Recipe, Request, RobotMode, RuntimeState, SafetyMode, Setup,
     TextLevel, TextMessage, Value, WireError, program_name, take_package,
 };
+use spherecal_budget::robot::{CLIENTS, RECIPES};
 
 /// Packages of inputs that a client may send before it sees that the program has ended: those of 16 ms.
 const SEES_END: i32 = 8;
-/// Recipes of inputs that a client may have.
-const MOST_RECIPES: usize = 255;
 
 /// A running robot side. It ends when it is dropped.
 pub struct RobotSide {
@@ -145,7 +144,7 @@ impl RobotServer {
 
     fn accept(&mut self) {
         while let Ok((stream, _)) = self.rtde.accept() {
-            if self.sessions.len() < MOST_CLIENTS {
+            if self.sessions.len() < CLIENTS {
                 self.next += 1;
                 self.sessions.push(Session::new(self.next, stream));
             }
@@ -288,7 +287,7 @@ impl RobotServer {
             Request::SetupOutputs { rate_hz, names } => Answer::SetupOutputs(self.outputs(session, rate_hz, names)),
             Request::SetupInputs { names } => {
                 let number = session.inputs.len() + 1;
-                if length(&names) > MAX_NAMES || number > MOST_RECIPES {
+                if length(&names) > MAX_NAMES || number > RECIPES {
                     Answer::SetupInputs(Setup::default())
                 } else {
                     let (setup, recipe) = self.registers.claim(session.number, &names, number as u8);

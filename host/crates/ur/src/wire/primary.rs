@@ -7,11 +7,10 @@
 use super::WireError;
 use super::bytes::Bytes;
 use crate::JOINTS;
+use spherecal_budget::robot::PACKAGE_BYTES;
 
 /// Bytes of a header, of a package and of a part.
 const HEADER: usize = 5;
-/// The largest package that is accepted, bytes. States of robots have some 1,500.
-pub const MAX_PACKAGE: usize = 65_536;
 /// Kind of a package: a robot state.
 const ROBOT_STATE: u8 = 16;
 /// Kind of a part: the calibrated kinematics.
@@ -97,7 +96,7 @@ impl KinematicsInfo {
             let size = size.checked_sub(HEADER).ok_or(WireError::Size {
                 size,
                 least: HEADER,
-                most: MAX_PACKAGE,
+                most: PACKAGE_BYTES,
             })?;
             let part = bytes.take(size, "part")?;
             if kind == KINEMATICS_INFO {
@@ -110,17 +109,17 @@ impl KinematicsInfo {
 /// Takes the first package from what has come: its kind and its payload. `None` while it is not whole.
 ///
 /// # Errors
-/// [`WireError::Size`] for a length below the header's or above [`MAX_PACKAGE`].
+/// [`WireError::Size`] for a length below the header's or above [`PACKAGE_BYTES`].
 pub fn take_primary(received: &mut Vec<u8>) -> Result<Option<(u8, Vec<u8>)>, WireError> {
     let Some(&[a, b, c, d, kind]) = received.first_chunk::<HEADER>() else {
         return Ok(None);
     };
     let size = u32::from_be_bytes([a, b, c, d]) as usize;
-    if !(HEADER..=MAX_PACKAGE).contains(&size) {
+    if !(HEADER..=PACKAGE_BYTES).contains(&size) {
         return Err(WireError::Size {
             size,
             least: HEADER,
-            most: MAX_PACKAGE,
+            most: PACKAGE_BYTES,
         });
     }
     if received.len() < size {

@@ -228,7 +228,7 @@ fn responses_are_read_as_written() {
         bytes[..13],
         [11, 0, 0, 0, 7, 0, 0, 0, 12 + 1 + urdf.len() as u8, 0, 0, 0, 0]
     );
-    let header = CommandHeader::decode(&bytes, MAX_RESPONSE).expect("a header");
+    let header = CommandHeader::decode(&bytes, spherecal_budget::robot::RESPONSE_BYTES).expect("a header");
     let back = Response::decode(Version::V10, header, &bytes[12..]).expect("a response");
     assert_eq!(back, response);
     assert_eq!(back.robot_model(), Ok(urdf));

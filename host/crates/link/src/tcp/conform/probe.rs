@@ -1,5 +1,6 @@
 //! A connection whose frames are kept as they came.
 
+pub(super) use spherecal_budget::HANDSHAKE as OWED;
 use std::collections::VecDeque;
 use std::io::{ErrorKind, Read as _, Write as _};
 use std::net::{TcpStream, ToSocketAddrs as _};
@@ -7,8 +8,6 @@ use std::time::{Duration, Instant};
 
 use spherecal_shared::protocol::frame::{self, Accumulator, Header, MAX_FRAME, Message};
 
-/// How long a peer may take to accept a connection, and for what it owes.
-pub(super) const OWED: Duration = Duration::from_secs(5);
 /// How long nothing may come where nothing is owed.
 pub(super) const QUIET: Duration = Duration::from_millis(300);
 /// Most bytes that are printed.
