@@ -6,21 +6,18 @@ use std::sync::OnceLock;
 
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
-use spherecal_explain::{Slides, hinges};
 use spherecal_identify::study::{PAPER_PLATE, Sources, Study, StudyRequest, TableSource, study_of};
 use spherecal_identify::{Method, Model, Options, paper_plate};
-use spherecal_model::input::{InputError, Labels, Plate, TableFormat, read_csv, read_plate, read_plate_file};
+use spherecal_model::input::{InputError, Plate, read_plate, read_plate_file};
 use spherecal_model::read_toml;
-use spherecal_model::robots::load_urdf_text_path;
 use spherecal_report::{Certificate, render, study_report};
-use spherecal_results::{
-    CalibratedTexts, calibrated, root_of_files, study_certificate, summary_json, summary_text, write_files,
-};
+use spherecal_results::{CalibratedTexts, calibrated, study_certificate, summary_json, summary_text, write_files};
 
 use crate::arrays::{Rows, matrix, of_matrix};
 use crate::compensate::StudyCompensator;
 use crate::error::{Failure, guarded};
 use crate::robot::NativeRobot;
+use crate::slides::{SlidesOfPath, robot_of};
 
 /// A calibration with everything that is known about it.
 #[pyclass(frozen, module = "spherecal._native")]
@@ -222,23 +219,13 @@ pub(crate) fn identify(
             options,
             ..StudyRequest::default()
         };
-        let mut motion: Option<Slides> = None;
+        let mut slides = SlidesOfPath::default();
         let mut notes = Vec::new();
         if let Some(path) = &path {
             let label = request.holdout.as_deref();
-            let tool = nominal.tool.tcp();
-            let tables = [("data", Some(&mut data)), ("validate", validate.as_mut())];
-            for (name, csv) in tables.into_iter().filter_map(|(name, csv)| Some((name, csv?))) {
-                let format = TableFormat {
-                    joints,
-                    label: label.map(str::to_owned).filter(|_| name == "data"),
-                    ..TableFormat::default()
-                };
-                let mut places = Labels::default();
-                let mut table = read_csv(name, csv.as_bytes(), &format, &mut places)?;
-                let done = hinges(path, &tool, &mut table, &mut motion);
-                notes.extend(done.map_err(|e| Failure::input(name, &nominal.robot.name, &e.to_string()))?);
-                *csv = table.to_csv(&places, label.filter(|_| !table.labels.is_empty()));
+            notes = slides.take(path, &nominal, "data", &mut data, label)?;
+            if let Some(validate) = &mut validate {
+                notes.extend(slides.take(path, &nominal, "validate", validate, None)?);
             }
         }
         let sources = Sources {
@@ -254,25 +241,9 @@ pub(crate) fn identify(
             notes,
         };
         let mut study = study_of(&request, sources, &mut |_| {})?;
-        if let Some(slides) = motion {
-            let root = root_of_files(&study);
-            study.model.slides = slides.directions().iter().map(|d| root.rotation.tr_mul(d)).collect();
-        }
+        slides.tell(&mut study);
         let texts = calibrated(&study);
-        let mut robot = NativeRobot {
-            model: texts.model.clone(),
-            path: None,
-        };
-        if path.is_some() {
-            // What slides or follows is in the file, not in the table.
-            let (base, tip) = &texts.model.frame_names;
-            robot = NativeRobot::of(load_urdf_text_path(
-                "calibrated.urdf",
-                &texts.urdf,
-                Some(&format!("{base}:{tip}")),
-            )?)?;
-            robot.model.tool = texts.model.tool;
-        }
+        let robot = robot_of(&texts, path.is_some())?;
         Ok(NativeIdentification {
             study,
             texts,

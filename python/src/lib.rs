@@ -19,6 +19,7 @@ mod identification;
 #[cfg(feature = "command")]
 mod job;
 mod robot;
+mod slides;
 
 use pyo3::prelude::*;
 
