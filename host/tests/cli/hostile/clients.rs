@@ -189,7 +189,8 @@ fn led(folder: &Path, arguments: &[String], most: Duration) -> Ended {
         if let Some(status) = child.try_wait().expect("known") {
             break status.code();
         }
-        mib = mib.max(most_mib(child.id()));
+        // The newest: the first may still be that of this process, of which the child was made.
+        mib = Some(most_mib(child.id())).filter(|now| *now > 0.0).unwrap_or(mib);
         if begun.elapsed() > most {
             child.kill().expect("ended");
             child.wait().expect("ended");
