@@ -22,7 +22,7 @@ bool hold(const char* name, const std::array<double, 7>& start) {
   if (!done(spherecal_robot_built_in(name, &robot), name) || !done(spherecal_law_default(&law), "law")) return false;
   const SpherecalTool tool{};
   const SpherecalDrive drive{};
-  SpherecalLoop* made = nullptr;
+  SpherecalLoop* made;
   if (!done(spherecal_loop_new(&robot, &tool, &law, &drive, 1e-3, &made), "loop")) return false;
   const std::unique_ptr<SpherecalLoop, Free> control(made);
 

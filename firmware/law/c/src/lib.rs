@@ -7,6 +7,7 @@
 mod types;
 
 use core::ffi::{CStr, c_char};
+use core::mem::MaybeUninit;
 
 use nalgebra::{Matrix3, Rotation3, Vector3, Vector6};
 use spherecal_law::{
@@ -119,7 +120,7 @@ pub extern "C" fn spherecal_law_default(law: Option<&mut SpherecalLaw>) -> Spher
 }
 
 /// Makes a loop that is stepped once in `period_s` (s). It holds the arm where the first state finds it, with no stiffness until one is
-/// set. End it with `spherecal_loop_free`.
+/// set. End it with `spherecal_loop_free`. Without one, `made` is null.
 #[expect(unsafe_code, reason = "a name that C finds")]
 #[unsafe(no_mangle)]
 pub extern "C" fn spherecal_loop_new(
@@ -128,12 +129,13 @@ pub extern "C" fn spherecal_loop_new(
     law: Option<&SpherecalLaw>,
     drive: Option<&SpherecalDrive>,
     period_s: f64,
-    made: Option<&mut Option<Box<SpherecalLoop>>>,
+    made: Option<&mut MaybeUninit<Option<Box<SpherecalLoop>>>>,
 ) -> SpherecalStatus {
     let (Some(robot), Some(tool), Some(law), Some(drive), Some(made)) = (robot, tool, law, drive, made) else {
         return SpherecalStatus::Null;
     };
-    *made = None;
+    // C does not clear its variables, so what stands there is no loop that could be dropped.
+    made.write(None);
     let possible = period_s > 0.0 && period_s <= 0.1 && drive.latency_s >= 0.0 && drive.latency_s <= 0.1;
     if !possible
         || drive
@@ -162,7 +164,7 @@ pub extern "C" fn spherecal_loop_new(
     };
     match any {
         Ok(any) => {
-            *made = Some(Box::new(SpherecalLoop(any)));
+            made.write(Some(Box::new(SpherecalLoop(any))));
             SpherecalStatus::Ok
         }
         Err(error) => error.into(),
