@@ -4,7 +4,7 @@ use spherecal_explain::{Slides, hinges};
 use spherecal_identify::study::Study;
 use spherecal_model::input::{Labels, TableFormat, read_csv};
 use spherecal_model::robots::{JointPath, RobotModel, load_urdf_text_path};
-use spherecal_results::{CalibratedTexts, root_of_files};
+use spherecal_results::{CalibratedTexts, take_slides};
 
 use crate::error::Failure;
 use crate::robot::NativeRobot;
@@ -42,8 +42,7 @@ impl SlidesOfPath {
     /// Tells a study the directions of the slides.
     pub(crate) fn tell(&self, study: &mut Study) {
         if let Some(slides) = &self.0 {
-            let root = root_of_files(study);
-            study.model.slides = slides.directions().iter().map(|d| root.rotation.tr_mul(d)).collect();
+            take_slides(study, &slides.directions());
         }
     }
 }

@@ -1,9 +1,12 @@
 //! What is wrong with a table that does not fit its robot.
 
+use std::path::Path;
+
+use super::exit::CliError;
 use spherecal_explain::{Explanation, Subject, explain, look};
 use spherecal_identify::IdentifyError;
 use spherecal_identify::evaluate::{EvaluateError, UNLIKE};
-use spherecal_identify::study::{Sources, StudyError, StudyRequest, assemble};
+use spherecal_identify::study::{Loaded, Sources, StudyError, StudyRequest, assemble};
 use spherecal_model::input::InputError;
 
 /// Whether a refusal may come from a mistake in the table as a whole.
@@ -43,14 +46,25 @@ pub(super) fn explained(request: &StudyRequest, sources: Sources<'_>) -> Result<
     )))
 }
 
-/// What can be told of the table of a request without a search. `None` for one that cannot be read, which the study refuses.
-pub(super) fn looked_at(request: &StudyRequest, sources: Sources<'_>) -> Option<Explanation> {
-    let loaded = assemble(request, sources, &mut |_| {}).ok()?;
+/// What is told of a table before its fit, without a search.
+///
+/// # Errors
+/// A table that a delay spoils, with the option that corrects it.
+pub(super) fn looked_at(file: &Path, loaded: &Loaded) -> Result<Vec<String>, CliError> {
     let experiment = &loaded.recordings.experiment;
-    Some(look(&Subject::new(
+    let found = look(&Subject::new(
         &loaded.model,
         &experiment.observations,
         &experiment.spheres,
+    ));
+    let sentences = found.sentences();
+    if found.found.is_empty() {
+        return Ok(sentences);
+    }
+    Err(CliError::input(format!(
+        "{}: {}",
+        file.display(),
+        sentences.join("\n  ")
     )))
 }
 

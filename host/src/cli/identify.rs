@@ -14,15 +14,14 @@ use super::out::{errln, outln};
 use super::stages;
 use super::study_progress::StudyProgress;
 use super::table::{TableArgs, put_right};
-use spherecal_explain::Explanation;
 use spherecal_identify::study::{
-    Sources, StudyError, StudyRequest, StudyStep, TableSource, anonymous_csv, sources, study_of,
+    Sources, StudyError, StudyRequest, StudyStep, TableSource, anonymous_csv, assemble, sources, study_from,
 };
 use spherecal_identify::{Method, Model, Options};
 use spherecal_job::{CertificateSection, study_certificate};
 use spherecal_model::input::{InputError, triple};
 use spherecal_report::{render, study_report};
-use spherecal_results::{root_of_files, summary_json, summary_text, write_files};
+use spherecal_results::{summary_json, summary_text, take_slides, write_files};
 use spherecal_store::time::now_utc;
 
 /// Identify a robot from a table of poses, or identify the last run of --out again.
@@ -320,16 +319,11 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
         view.finish();
         return say_what_is_wrong(&request, sources);
     }
-    let looked = explain::looked_at(&request, sources.clone());
-    let remarks = looked.as_ref().map(Explanation::sentences).unwrap_or_default();
-    if looked.is_some_and(|found| !found.found.is_empty()) {
-        view.finish();
-        return Err(CliError::input(format!(
-            "{}: {}",
-            request.data.display(),
-            remarks.join("\n  ")
-        )));
-    }
+    let loaded = assemble(&request, sources.clone(), &mut |p| view.show(StudyStep::Reading(p)));
+    let remarks = loaded
+        .as_ref()
+        .map_or(Ok(Vec::new()), |loaded| explain::looked_at(&request.data, loaded));
+    let remarks = remarks.inspect_err(|_| view.finish())?;
     if !remarks.is_empty() {
         view.finish();
         for remark in &remarks {
@@ -337,7 +331,7 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
         }
         view = StudyProgress::new();
     }
-    let study = study_of(&request, sources.clone(), &mut |step| view.show(step));
+    let study = loaded.and_then(|loaded| study_from(&request, loaded, &mut |step| view.show(step)));
     view.finish();
     let mut study = study.map_err(|error| {
         if !explain::may_explain(&error) {
@@ -347,8 +341,7 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
         CliError::input(explain::with_reason(&error, found.as_ref(), &tables.notes))
     })?;
     if let Some(slides) = slides {
-        let root = root_of_files(&study);
-        study.model.slides = slides.directions().iter().map(|d| root.rotation.tr_mul(d)).collect();
+        take_slides(&mut study, &slides.directions());
     }
     study.notes.extend(remarks);
     if let Some(path) = &args.anonymise {

@@ -17,7 +17,7 @@ use spherecal_model::write_file;
 pub struct Files {
     /// In the order in which they were written.
     pub paths: Vec<PathBuf>,
-    /// What to tell the user of results of another robot, which were moved; none where there were none.
+    /// What to tell the user of results of another robot, which were moved; `None` without such results.
     pub moved: Option<String>,
 }
 
@@ -49,7 +49,7 @@ pub struct Results<'a> {
     pub summary: &'a serde_json::Value,
     /// What the files say first: what was calibrated, from what.
     pub origin: String,
-    /// The page; none where it was not asked for.
+    /// The page; `None` if it was not asked for.
     pub report: Option<&'a str>,
 }
 

@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
+use nalgebra::Vector3;
 use serde_json::Value;
 
 use crate::WriteError;
 use crate::files::{CalibratedTexts, Files, Results, base_of_files, calibrated_texts, write_results};
 use crate::summary::summary_json;
 use spherecal_identify::study::Study;
-use spherecal_model::Pose;
 use spherecal_model::robots::frames::{compose, inverse};
 use spherecal_report::Certificate;
 
@@ -31,9 +31,11 @@ pub fn calibrated(study: &Study) -> CalibratedTexts {
     calibrated_texts(&results(study, &Value::Null, None))
 }
 
-/// The root frame of the robot's file, as the files of a study have it, in the first frame of the measurements.
-pub fn root_of_files(study: &Study) -> Pose<f64> {
-    compose(&base_of_files(&study.evaluation), &inverse(&study.model.base))
+/// Gives the files of a study the directions of the robot's sliding joints, in the first frame of the measurements.
+pub fn take_slides(study: &mut Study, directions: &[Vector3<f64>]) {
+    // The root frame of the robot's file, as the files have it.
+    let root = compose(&base_of_files(&study.evaluation), &inverse(&study.model.base));
+    study.model.slides = directions.iter().map(|d| root.rotation.tr_mul(d)).collect();
 }
 
 fn results<'a>(study: &'a Study, summary: &'a Value, report: Option<&'a str>) -> Results<'a> {

@@ -2,6 +2,7 @@
 //! against each other.
 
 use std::path::PathBuf;
+use std::time::Instant;
 
 use spherecal_shared::robot::{Inertia, Tool};
 
@@ -55,6 +56,8 @@ pub struct Loaded {
     pub recordings: Recordings,
     /// What the user should know about how the data were taken.
     pub notes: Vec<String>,
+    /// When the reading began.
+    pub begun: Instant,
 }
 
 /// The files that a request names, for its robot; tables are read later.
@@ -89,6 +92,7 @@ pub fn assemble(
     sources: Sources<'_>,
     progress: &mut dyn FnMut(ReadingProgress),
 ) -> Result<Loaded, StudyError> {
+    let begun = Instant::now();
     let Sources {
         mut model,
         plate,
@@ -165,6 +169,7 @@ pub fn assemble(
         model,
         recordings,
         notes,
+        begun,
     })
 }
 

@@ -18,8 +18,6 @@ pub use anonymous::anonymous_csv;
 pub use load::{Loaded, StudyRequest, assemble, load, sources};
 pub use sources::{PAPER_PLATE, Sources, TableSource};
 
-use std::time::Instant;
-
 use spherecal_model::chain::Chain;
 use spherecal_model::input::{InputError, ReadingProgress};
 use spherecal_model::robots::{RobotFileError, RobotModel};
@@ -113,9 +111,8 @@ pub struct Study {
 /// # Errors
 /// Input that cannot be used, or no convergence.
 pub fn study(request: &StudyRequest, progress: &mut dyn FnMut(StudyStep)) -> Result<Study, StudyError> {
-    let start = Instant::now();
     let loaded = load(request, &mut |read| progress(StudyStep::Reading(read)))?;
-    evaluate_loaded(request, loaded, start, progress)
+    study_from(request, loaded, progress)
 }
 
 /// Runs a study of what a caller has in memory; see [`Sources`].
@@ -127,9 +124,8 @@ pub fn study_of(
     sources: Sources<'_>,
     progress: &mut dyn FnMut(StudyStep),
 ) -> Result<Study, StudyError> {
-    let start = Instant::now();
     let loaded = assemble(request, sources, &mut |read| progress(StudyStep::Reading(read)))?;
-    evaluate_loaded(request, loaded, start, progress)
+    study_from(request, loaded, progress)
 }
 
 /// The postures of a work region that was asked for, in rad.
@@ -147,16 +143,20 @@ fn postures_of(work: &WorkBox, recordings: &Recordings) -> Result<Vec<Vec<f64>>,
         })
 }
 
-fn evaluate_loaded(
+/// Runs a study of what was [loaded](load).
+///
+/// # Errors
+/// As [`study`].
+pub fn study_from(
     request: &StudyRequest,
     loaded: Loaded,
-    start: Instant,
     progress: &mut dyn FnMut(StudyStep),
 ) -> Result<Study, StudyError> {
     let Loaded {
         model,
         recordings,
         mut notes,
+        begun,
     } = loaded;
     let mut identify = request.options.clone();
     identify.parameters.expect_tolerances(&model.tolerances);
@@ -184,7 +184,7 @@ fn evaluate_loaded(
         recordings,
         evaluation,
         notes,
-        wall_s: start.elapsed().as_secs_f64(),
+        wall_s: begun.elapsed().as_secs_f64(),
     })
 }
 
