@@ -11,7 +11,7 @@ fn slow_arms_of_both_kinds_run_the_whole_procedure() {
 
 // Fails if one of the built-in arms does not.
 #[test]
-#[ignore = "long: `scripts/test --long` runs it"]
+#[ignore = "long: scripts/test --long runs it"]
 fn long_every_built_in_arm_runs_the_whole_procedure() {
     let folder = tempfile::tempdir().expect("a folder");
     let list = text(&spherecal(folder.path(), &["robot", "list"]).stdout);

@@ -11,6 +11,7 @@ use spherecal::model::robots::frames::{compose, from_rpy};
 use spherecal::model::robots::{JointPath, load_path};
 use spherecal::model::{Pose, fit_pose};
 
+use crate::chain_urdfs::{hinges, humanoid};
 use crate::field::{check, python};
 use crate::support::{spherecal, text};
 
@@ -18,86 +19,6 @@ use crate::support::{spherecal, text};
 const TOOL_M: [f64; 3] = [0.02, 0.01, 0.08];
 /// Noise of a measured point by axis, in m.
 const NOISE_M: f64 = 1e-4;
-
-/// `name type parent child x,y,z axis lower upper` in lines, as a URDF.
-fn urdf(joints: &str) -> String {
-    let mut links: Vec<&str> = Vec::new();
-    let mut out = String::from("<robot name=\"talos\">\n");
-    for line in joints.lines().filter(|line| !line.trim().is_empty()) {
-        let words: Vec<&str> = line.split_whitespace().collect();
-        let &[name, kind, parent, child, at, axis, lower, upper] = words.as_slice() else {
-            panic!("{line}")
-        };
-        for link in [parent, child] {
-            if !links.contains(&link) {
-                links.push(link);
-                out += &format!(
-                    "<link name=\"{link}\"><inertial><origin xyz=\"0.01 0 0.02\"/><mass value=\"1.5\"/>\
-                     <inertia ixx=\"0.01\" ixy=\"0\" ixz=\"0\" iyy=\"0.01\" iyz=\"0\" izz=\"0.01\"/></inertial></link>\n"
-                );
-            }
-        }
-        let axis = ["x", "y", "z"].map(|a| if a == axis { "1" } else { "0" }).join(" ");
-        out += &format!(
-            "<joint name=\"{name}\" type=\"{kind}\"><parent link=\"{parent}\"/><child link=\"{child}\"/>\
-             <origin xyz=\"{}\"/><axis xyz=\"{axis}\"/><limit lower=\"{lower}\" upper=\"{upper}\" effort=\"100\" \
-             velocity=\"2\"/></joint>\n",
-            at.replace(',', " ")
-        );
-    }
-    out + "</robot>\n"
-}
-
-/// A humanoid with the names and measures of TALOS: a torso of two joints, a head, two arms with grippers; on a rail if
-/// asked for.
-fn humanoid(rail: bool) -> String {
-    let mut out = String::new();
-    if rail {
-        out += "rail_joint prismatic world base_link 0,0,0.1 x 0 2\n";
-    }
-    out += "torso_1_joint revolute base_link torso_1_link 0,0,0.0722 z -1.26 1.26
-        torso_2_joint revolute torso_1_link torso_2_link 0,0,0 y -0.23 0.73
-        head_1_joint revolute torso_2_link head_1_link 0.02,0,0.321 y -0.2 0.78
-        head_2_joint revolute head_1_link head_2_link 0,0,0 z -1.3 1.3
-        camera_joint fixed head_2_link camera_link 0.07,0.02,0.11 z 0 0\n";
-    for (side, y) in [("left", 1.0), ("right", -1.0)] {
-        let arm = [
-            (format!("0,{},0.232", 0.1575 * y), "z", -1.57, 0.52),
-            (format!("0.00493378,{},0.04673", 0.1365 * y), "x", 0.0, 2.8),
-            ("0,0,0".to_owned(), "z", -2.43, 2.43),
-            ("0.02,0,-0.273".to_owned(), "y", -2.23, 0.0),
-            ("-0.02,0,-0.2643".to_owned(), "z", -2.51, 2.51),
-            ("0,0,0".to_owned(), "x", -1.37, 1.37),
-            ("0,0,0".to_owned(), "y", -0.68, 0.68),
-        ];
-        let mut parent = "torso_2_link".to_owned();
-        for (k, (at, axis, lower, upper)) in (1..).zip(arm) {
-            let child = format!("arm_{side}_{k}_link");
-            out += &format!("arm_{side}_{k}_joint revolute {parent} {child} {at} {axis} {lower} {upper}\n");
-            parent = child;
-        }
-        out += &format!(
-            "wrist_{side}_tool_joint fixed {parent} wrist_{side}_tool_link 0,0,-0.071 z 0 0
-             gripper_{side}_base_joint fixed wrist_{side}_tool_link gripper_{side}_base_link 0,0,0.02 z 0 0
-             gripper_{side}_joint revolute gripper_{side}_base_link gripper_{side}_motor_link 0,0.02,0.03 x -1 0\n"
-        );
-    }
-    urdf(&out)
-}
-
-/// Hinges in a row.
-fn hinges(count: usize) -> String {
-    let mut out = String::new();
-    for k in 0..count {
-        let (axis, at) = [("z", "0,0.01,0.12"), ("y", "0.02,0,0.1"), ("x", "0.01,-0.02,0.14")][k % 3];
-        out += &format!(
-            "joint_{} revolute link_{k} link_{} {at} {axis} -1.6 1.6\n",
-            k + 1,
-            k + 1
-        );
-    }
-    urdf(&(out + &format!("tool_joint fixed link_{count} tool0 0,0,0.05 z 0 0\n")))
-}
 
 /// The arm as it is, its joints' ranges, and what draws numbers.
 struct Real {
@@ -205,8 +126,8 @@ fn plain_fit(nominal: &JointPath, rows: &[(Vec<f64>, Vector3<f64>)]) -> (JointPa
 }
 
 /// Identifies an arm of `urdf` between `ends` from 200 points in a table with the columns in another order, and with those
-/// of joints that are not on the chain. Fails if yourdfpy finds the tool elsewhere in `calibrated.urdf`, or if `calibrated.urdf` is further from the arm in new postures than 1.1 times
-/// what plain least squares finds, or is not the arm of `calibrated.toml`.
+/// of joints that are not on the chain. Fails if yourdfpy finds the tool elsewhere in `calibrated.urdf`, or if
+/// `calibrated.urdf` is further from the arm in new postures than 1.1 times what plain least squares finds, or is not the arm of `calibrated.toml`.
 fn circle(folder: &Path, urdf: &str, ends: &str, others: &[&str], tcp: &str) -> String {
     std::fs::write(folder.join("arm.urdf"), urdf).expect("written");
     let file = format!("{}#{ends}", folder.join("arm.urdf").display());
@@ -396,7 +317,7 @@ fn slow_a_hand_seen_from_the_head_is_identified() {
 
 // The same for the longest chain.
 #[test]
-#[ignore = "long: only `scripts/test --long` runs it"]
+#[ignore = "long: scripts/test --long runs it"]
 fn long_twenty_joints_are_identified() {
     let folder = tempfile::tempdir().expect("a folder");
     circle(folder.path(), &hinges(20), "link_0:tool0", &[], "talos_tcp");

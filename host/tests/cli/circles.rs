@@ -371,7 +371,7 @@ fn slow_every_damage_is_walked_to_its_end() {
 
 // The same for as many damages as are asked.
 #[test]
-#[ignore = "long: the nightly run has it"]
+#[ignore = "long: scripts/test --long runs it"]
 fn long_every_damage_is_walked_to_its_end() {
     let asked = std::env::var("SPHERECAL_CIRCLES")
         .ok()

@@ -215,7 +215,7 @@ fn long_disturbed_arms_finish() {
 
 // Fails if a run on any of the arms does.
 #[test]
-#[ignore = "long: `scripts/test --long` runs it"]
+#[ignore = "long: scripts/test --long runs it"]
 fn long_all_hard_arms_finish() {
     all_finish(&CASES, 30);
 }

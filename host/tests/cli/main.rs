@@ -9,6 +9,7 @@ mod arms;
 mod bags;
 mod before_planning;
 mod certificate;
+mod chain_urdfs;
 mod chains;
 mod check;
 mod circles;

@@ -200,14 +200,14 @@ fn slow_the_data_of_a_real_iiwa() {
 }
 
 #[test]
-#[ignore = "long: `scripts/test --long` runs it"]
+#[ignore = "long: scripts/test --long runs it"]
 fn long_a_first_cell() {
     let files = ["cell/report.html", "cell/identified/report.html", "cell/plate.toml"];
     carry_out("docs/first-cell.md", &files);
 }
 
 #[test]
-#[ignore = "long: `scripts/test --long` runs it"]
+#[ignore = "long: scripts/test --long runs it"]
 fn long_the_signals_of_a_run() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
@@ -221,7 +221,7 @@ fn long_the_signals_of_a_run() {
 // One after the other: the pages name the same ports.
 #[cfg(feature = "services")]
 #[test]
-#[ignore = "long: `scripts/test --long` runs it"]
+#[ignore = "long: scripts/test --long runs it"]
 fn long_pages_with_servers() {
     carry_out(
         "docs/commands.md",

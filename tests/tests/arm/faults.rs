@@ -73,7 +73,8 @@ fn poses(memory: &Memory) -> Vec<(u32, u32)> {
 
 // Fails if an emergency stop, a push, a lost magnet, a controller that is reset
 // and a host link that is down in one run cost a pose, give one twice, if the arm turns as fast
-// as before after the nest has left its sphere in a turn, or if they leave angles that differ from those of an undisturbed run by more than a new coupling does.
+// as before after the nest has left its sphere in a turn, or if they leave angles that differ from
+// those of an undisturbed run by more than a new coupling does.
 #[test]
 fn a_run_goes_on_at_the_pose_where_it_was() {
     let (clean, _, result) = campaign_with(&FaultPlan::default(), in_process());

@@ -159,7 +159,8 @@ fn is_stream(rows: &[Row]) -> bool {
     rows.len() >= ROWS[1] && median(steps) < STREAM_RAD
 }
 
-/// What needs no search: a controller's readout, joints that hardly move, and the delay of a stream. `None` in place of a search for too few rows.
+/// What needs no search: a controller's readout, joints that hardly move, and the delay of a stream. `None` in place of a search
+/// for too few rows.
 fn looked_at<'a>(subject: &'a Subject<'a>) -> (Explanation, Option<Search<'a>>) {
     let rows = rows(subject.observations, subject.spheres);
     let n = subject.path.columns.len();

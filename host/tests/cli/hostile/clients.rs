@@ -362,7 +362,7 @@ fn slow_hostile_peers_are_left() {
 
 // The same with the clients that wait for a person or a paused simulator, for as long as is asked.
 #[test]
-#[ignore = "long: the nightly run has it"]
+#[ignore = "long: scripts/test --long runs it"]
 fn long_hostile_peers_are_left() {
     let asked = std::env::var("SPHERECAL_HOSTILE_S")
         .ok()

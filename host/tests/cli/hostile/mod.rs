@@ -372,7 +372,7 @@ fn slow_hostile_peers_keep_nobody_out() {
 
 // The same for as long as is asked.
 #[test]
-#[ignore = "long: the nightly run has it"]
+#[ignore = "long: scripts/test --long runs it"]
 fn long_hostile_peers_keep_nobody_out() {
     let asked = std::env::var("SPHERECAL_HOSTILE_S")
         .ok()

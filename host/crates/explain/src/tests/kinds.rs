@@ -32,7 +32,7 @@ fn is_named(arms: &[RobotModel], kind: &str, draw: usize) -> Result<(), String> 
 
 // Fails if a kind of mistake in the data of four arms is not named in 95 of 100 draws.
 #[test]
-#[ignore = "long: only `scripts/test --long` runs it"]
+#[ignore = "long: scripts/test --long runs it"]
 fn long_each_kind_of_mistake_is_named() {
     let arms = arms();
     let mut wrong = Vec::new();
@@ -61,7 +61,7 @@ fn long_each_kind_of_mistake_is_named() {
 // Fails if a tool that points the other way or is given in m, data of another robot, or a controller's readout is not named in 95
 // of 100 draws.
 #[test]
-#[ignore = "long: only `scripts/test --long` runs it"]
+#[ignore = "long: scripts/test --long runs it"]
 fn long_each_tool_robot_and_readout_is_named() {
     let arms = arms();
     let ur10e = built_in("ur10e").unwrap();

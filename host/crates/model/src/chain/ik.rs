@@ -101,10 +101,11 @@ impl Chain {
     ///
     /// In closed form, up to eight branches for the pose's elbow angle (0 if the pose has none).
     /// Otherwise the solutions that damped least squares finds from many seeds spread over the
-    /// limits, each joint by full turns as near the middle of its limits as can be. Near-duplicates are removed. The list is empty if the pose is out of reach. The
-    /// search from seeds also missed about one in 9,000 poses of a six-axis arm that are reachable
-    /// only at a corner of its limits. Each solution meets pose and elbow angle to
-    /// [`IK_TOLERANCE`].
+    /// limits, each joint by full turns as near the middle of its limits as can be: joint 2 of a UR16e
+    /// stood at 4.6 rad, and no way led there from home. Near-duplicates are removed. The list is empty
+    /// if the pose is out of reach. The search from seeds also missed about one in 9,000 poses of a
+    /// six-axis arm that are reachable only at a corner of its limits. Each solution meets pose and
+    /// elbow angle to [`IK_TOLERANCE`].
     pub fn solve(&self, pose: &TcpPose) -> Vec<Vec<f64>> {
         let target = TcpPose {
             elbow: pose.elbow.or(self.has_elbow().then_some(0.0)),
