@@ -5,6 +5,7 @@
 //! `controller`, `serve`) run on, as in another terminal. Other blocks are parsed alone
 //! (`docs::every_command_is_one_that_the_program_takes`): `console,hardware` needs a robot, a board or
 //! its images, `console,yours` files or machines of the reader, `console,sources` builds and tests.
+//! Blocks `text` are output, of which every line must be there; `text,layout` is none.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;

@@ -25,7 +25,7 @@ use crate::support::{PROGRAM, terminal};
 /// Most memory of a client, MiB.
 const MEMORY_MIB: f64 = 100.0;
 /// What a busy machine may add to the longest time that a client waits, a plan of some poses included.
-const BUSY: Duration = Duration::from_mins(5);
+const BUSY: Duration = Duration::from_secs(20);
 /// Clients at one time.
 const WORKERS: usize = 16;
 
