@@ -82,9 +82,9 @@ fn carry_out_in(folder: &Path, name: &str, files: &[&str]) -> String {
     assert!(page.commands > 0, "{name} has no command");
     let program = Path::new(PROGRAM).parent().expect("a folder");
     let path = format!("{}:{}", program.display(), std::env::var("PATH").unwrap_or_default());
-    let output = Command::new("sh")
-        .arg("-c")
-        .arg(&page.script)
+    // A server that never answers must not hold up all tests. The longest page takes 7 minutes.
+    let output = Command::new("timeout")
+        .args(["--kill-after=10", "1800", "sh", "-c", &page.script])
         .current_dir(folder)
         .env("PATH", path)
         .env("SPHERECAL", root().canonicalize().expect("the sources"))
