@@ -106,6 +106,9 @@ pub(super) fn run(args: &StoreArgs) -> Result<Exit, CliError> {
                 for run in &recovered.settings_doubtful {
                     outln!("  settings of run {run}: differ from what was written and have no second copy; check them");
                 }
+                for run in &recovered.settings_lost {
+                    outln!("  run {run}: its settings and their second copy are damaged; the run is left out");
+                }
                 for (run, missing) in &recovered.acknowledged_missing {
                     outln!("  run {run}: {missing} recordings that were acknowledged are not there");
                 }

@@ -186,6 +186,28 @@ fn a_lost_first_page_costs_little() {
     assert_eq!(saved, recordings.len());
 }
 
+// Fails if a plan that lacks its end is saved because its digest is lost, too, though its second copy is whole; or if a
+// run is saved that has neither.
+#[test]
+fn settings_that_cannot_be_read_are_those_of_the_second_copy_or_lost() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (path, recordings) = database(folder.path());
+    let execute = |statement: &'static str| {
+        let mut store = SqlStore::create_or_open(&path).expect("opened");
+        store
+            .block(async |c| sqlx::query(statement).execute(c).await.map(|_| ()))
+            .expect("changed");
+    };
+    execute("UPDATE runs SET plan_json = '{\"a'");
+    execute("DELETE FROM digests");
+    let (saved, report) = recovered(&path, &recordings);
+    assert_eq!((saved, report.settings_restored), (recordings.len(), vec![1]));
+    assert!(report.settings_lost.is_empty());
+    execute("UPDATE spares SET value = '{\"a' WHERE name = 'plan_json'");
+    let report = recover(&path, &folder.path().join("lost.db")).expect("recovered");
+    assert_eq!((report.settings_lost, report.tables["runs"].read), (vec![1], 0));
+}
+
 // Fails if a recording with a flipped bit is saved as valid.
 #[test]
 fn what_is_not_what_was_written_is_left_out() {

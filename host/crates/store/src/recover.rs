@@ -70,6 +70,9 @@ pub struct Recovered {
     /// Runs whose settings differ from what was written, and have no second copy: they are kept as
     /// they were read.
     pub settings_doubtful: Vec<i64>,
+    /// Runs whose settings and their second copy cannot be read. Without them nothing of a run can be used: these
+    /// runs are not in the new file.
+    pub settings_lost: Vec<i64>,
     /// How many recordings were acknowledged and are not in the new file, by run. Known only where
     /// the log could not be emptied after the last batch.
     pub acknowledged_missing: BTreeMap<i64, i64>,

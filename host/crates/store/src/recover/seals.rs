@@ -110,13 +110,16 @@ impl Seals {
     }
 
     /// The rows of `runs`: those that are as they were written, and those that their second copy
-    /// restores. `bad` ones without a second copy are kept as they are.
+    /// restores. `bad` ones without a second copy are kept as they are, if they can be read at all.
     pub(super) fn settings(
         &self,
-        mut good: Vec<StoredRow>,
+        good: Vec<StoredRow>,
         bad: &[StoredRow],
         recovered: &mut Recovered,
     ) -> Vec<StoredRow> {
+        // Where digests are lost, nothing is known against a row that lacks a page.
+        let (mut good, unreadable): (Vec<_>, Vec<_>) = good.into_iter().partition(is_readable);
+        let bad = [bad, &unreadable].concat();
         let there: HashSet<i64> = good.iter().filter_map(run_of).collect();
         for (run, copies) in &self.spares {
             if there.contains(run) {
@@ -144,14 +147,22 @@ impl Seals {
             };
             copied.insert("run", SealedValue::Whole(*run));
             copied.insert("state", SealedValue::Text(state.to_owned()));
-            good.push(COLUMNS.iter().filter_map(|name| copied.get(name).cloned()).collect());
-            recovered.settings_restored.push(*run);
+            let row = COLUMNS.iter().filter_map(|name| copied.get(name).cloned()).collect();
+            if is_readable(&row) {
+                good.push(row);
+                recovered.settings_restored.push(*run);
+            }
         }
         let there: HashSet<i64> = good.iter().filter_map(run_of).collect();
-        for row in bad {
-            if let Some(run) = run_of(row).filter(|run| !there.contains(run)) {
+        for row in &bad {
+            let Some(run) = run_of(row).filter(|run| !there.contains(run)) else {
+                continue;
+            };
+            if is_readable(row) {
                 good.push(row.clone());
                 recovered.settings_doubtful.push(run);
+            } else {
+                recovered.settings_lost.push(run);
             }
         }
         good
@@ -214,6 +225,16 @@ fn pose_of(row: &StoredRow) -> Vec<String> {
 pub(super) fn without(rows: &[StoredRow], kept: &[StoredRow]) -> u64 {
     let there: HashSet<Vec<String>> = kept.iter().map(pose_of).collect();
     rows.iter().filter(|row| !there.contains(&pose_of(row))).count() as u64
+}
+
+/// Whether a row of `runs` holds robot, tool and plan in a form that can be read.
+fn is_readable(row: &StoredRow) -> bool {
+    let json = COLUMNS.iter().zip(row).filter(|(name, _)| name.ends_with("_json"));
+    let readable = |value: &SealedValue| match value {
+        SealedValue::Text(text) => serde_json::from_str::<serde::de::IgnoredAny>(text).is_ok(),
+        _ => false,
+    };
+    row.len() == COLUMNS.len() && json.map(|(_, value)| value).all(readable)
 }
 
 /// The columns of `runs`.
