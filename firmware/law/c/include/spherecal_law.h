@@ -354,7 +354,7 @@ enum SpherecalStatus spherecal_law_default(struct SpherecalLaw *law);
 
 /**
  * Makes a loop that is stepped once in `period_s` (s). It holds the arm where the first state finds it, with no stiffness until one is
- * set. End it with `spherecal_loop_free`.
+ * set. End it with `spherecal_loop_free`. Without one, `made` is null.
  */
 enum SpherecalStatus spherecal_loop_new(const struct SpherecalRobot *robot,
                                         const struct SpherecalTool *tool,
