@@ -2,6 +2,7 @@
 //! clear line.
 
 mod changes;
+mod generated;
 mod robots;
 
 use super::super::*;

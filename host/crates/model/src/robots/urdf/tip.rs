@@ -197,6 +197,14 @@ impl<'u> Arms<'u> {
             .collect();
         let moving = ways.iter().filter(|(j, b)| b.depth > 0 || j.mimic.is_some()).count();
         let most = ways.iter().map(|(_, b)| b.depth).max().unwrap_or(0);
+        // A joint that follows one of the arm keeps the tool level, as in a palletiser: it is the arm's.
+        let mut levels = ways
+            .iter()
+            .filter(|(j, _)| j.mimic.as_ref().is_some_and(|mimic| self.leads_to(&mimic.leader, link)));
+        if let (0, Some((joint, _)), None) = (most, levels.next(), levels.next()) {
+            self.ends(&joint.child, driven, found);
+            return;
+        }
         // Two short ways at the end of an arm are the fingers of a gripper.
         if most == 0 || (moving > 1 && driven >= BEFORE_GRIPPER && most <= FINGER) {
             found.push((link, driven));
@@ -208,6 +216,20 @@ impl<'u> Arms<'u> {
                 self.ends(&joint.child, driven + usize::from(joint.is_driven()), found);
             }
         }
+    }
+
+    /// Whether a joint is on the way to a link.
+    fn leads_to(&self, joint: &str, link: &str) -> bool {
+        let mut at = link;
+        // The bound ends a file whose links go in a circle.
+        for _ in 0..self.urdf.joints.len() {
+            match self.urdf.joints.iter().find(|j| j.child == at) {
+                Some(found) if found.name == joint => return true,
+                Some(found) => at = &found.parent,
+                None => break,
+            }
+        }
+        false
     }
 
     /// The link behind the moved link `link` that is the flange.
@@ -322,10 +344,13 @@ impl<'u> Arms<'u> {
         for base in &self.bases {
             self.ends(base, 0, &mut ends);
         }
-        ends.retain(|end| end.1 > 0);
+        // Beside an arm, a short tree of its own is a door, a positioner or a sensor.
+        let most = ends.iter().map(|end| end.1).max().unwrap_or(0);
+        ends.retain(|end| end.1 > 0 && (end.1 == most || end.1 >= SECOND_ARM));
         if let [(link, _)] = ends.as_slice() {
-            // The wrist and the jaw, where names do not tell them apart.
-            if let Some((jaw, _)) = self.behind(self.line_end(link)).find(|(_, b)| b.doubtful) {
+            // The wrist and the jaw, where names do not tell them apart. Several are the fingers of a gripper.
+            let mut jaws = self.behind(self.line_end(link)).filter(|(_, b)| b.doubtful);
+            if let (Some((jaw, _)), None) = (jaws.next(), jaws.next()) {
                 return Err(self.ask(&[self.flange(link), jaw.child.as_str()]));
             }
             return Ok((self.flange(link).to_owned(), "the arm ends there".to_owned()));
