@@ -137,6 +137,8 @@ pub(crate) struct Rests<'a> {
     pub(crate) left_out: usize,
     /// Rests, also without targets.
     pub(crate) count: usize,
+    /// Time in rests, in ns.
+    pub(crate) rested_ns: i64,
     /// Times without motion that are shorter than a rest, by [`SHORT_S`]; single joint states are none.
     pub(crate) short: [u64; SHORT_S.len()],
     /// The longest time without motion, in ns.
@@ -160,6 +162,7 @@ impl<'a> Rests<'a> {
             poses: Vec::new(),
             left_out: 0,
             count: 0,
+            rested_ns: 0,
             short: [0; SHORT_S.len()],
             longest_ns: 0,
             backwards: 0,
@@ -218,6 +221,7 @@ impl<'a> Rests<'a> {
             return Ok(());
         }
         self.count += 1;
+        self.rested_ns = self.rested_ns.saturating_add(lasts);
         let until = |from: usize, before: &dyn Fn(i64) -> bool| {
             let rest = self.targets.get(from..).unwrap_or_default();
             from + rest.partition_point(|target| before(target.time_ns))
