@@ -4,25 +4,23 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use spherecal_model::robots::{self, RobotModel};
-use spherecal_model::{WorkBox, read_text, read_toml, write_file};
+use spherecal_model::{WorkBox, read_text, read_toml};
 
 use super::args::{BadValue, StoredArgs};
-use super::bag::{BagArgs, BagTables, POSES};
+use super::bag::{BagArgs, BagTables};
 use super::exit::{CliError, Exit};
 use super::explain;
+use super::limbs;
 use super::out::{errln, outln};
 use super::stages;
+use super::study::{identified, refuse, write_study};
 use super::study_progress::StudyProgress;
-use super::table::{TableArgs, put_right};
-use spherecal_identify::study::{
-    Sources, StudyError, StudyRequest, StudyStep, TableSource, anonymous_csv, assemble, sources, study_from,
-};
+use super::table::{Joints, TableArgs, put_right};
+use spherecal_identify::study::{Sources, StudyError, StudyRequest, StudyStep, TableSource, anonymous_csv, sources};
 use spherecal_identify::{Method, Model, Options};
 use spherecal_job::{CertificateSection, study_certificate};
 use spherecal_model::input::{InputError, triple};
-use spherecal_report::{render, study_report};
-use spherecal_results::{summary_json, summary_text, take_slides, write_files};
-use spherecal_store::time::now_utc;
+use spherecal_results::{summary_json, summary_text, take_slides};
 
 /// Identify a robot from a table of poses, or identify the last run of --out again.
 ///
@@ -49,20 +47,22 @@ use spherecal_store::time::now_utc;
     spherecal identify --robot ur5e --data tracker.csv --tool-mm 0,0,120 --validate check.csv\n  \
     spherecal identify --robot arm.urdf --data spheres.csv --plate plate.toml --holdout place --out result\n  \
     spherecal identify --robot ur5e --data log.csv --joint-columns j1,j2,j3,j4,j5,j6 --ignore-columns time,operator\n  \
-    spherecal identify --robot arm.urdf --data my_bag --topics /joint_states,/leica/point\n\n\
+    spherecal identify --robot arm.urdf --data my_bag --topics /joint_states,/leica/point\n  \
+    spherecal identify --robot robot.urdf#base_link:left_tool,right_tool --data left.csv --data right.csv\n\n\
     Exit codes: 0 done; 1 failed; 2 wrong input; 3 finished, but the result must not be used.")]
 pub struct IdentifyArgs {
-    /// Built-in name, FILE.toml, FILE.urdf, FILE.urdf#TIP, or FILE.urdf#BASE:TIP for the chain between these links.
+    /// Built-in name, FILE.toml, FILE.urdf, FILE.urdf#TIP, or FILE.urdf#BASE:TIP for the chain between these links;
+    /// FILE.urdf#BASE:TIP,TIP for several tips, such as two arms on a torso, with a table of each.
     #[arg(long, help_heading = "Robot and data", value_name = "NAME|FILE", requires = "data")]
     pub robot: Option<String>,
-    /// Table of poses, or a ROS 2 bag.
+    /// Table of poses, or a ROS 2 bag. Of several tips: one for each, in their order.
     #[arg(
         long,
         help_heading = "Robot and data",
         value_name = "FILE.csv|BAG",
         requires = "robot"
     )]
-    pub data: Option<PathBuf>,
+    pub data: Vec<PathBuf>,
     /// Estimator: full, geometry, lm, gauss-newton, nelder-mead or nelder-mead-scaled.
     #[arg(long, help_heading = "Identification", value_name = "M", default_value = "full")]
     pub method: Method,
@@ -72,14 +72,14 @@ pub struct IdentifyArgs {
     /// Certificate of the plate, for contacts with spheres: [[sphere]] tables with id, x_mm, y_mm, z_mm, sigma_mm; or `paper` for Table 1 of the paper.
     #[arg(long, help_heading = "Robot and data", value_name = "FILE.toml")]
     pub plate: Option<PathBuf>,
-    /// Nominal TCP in the flange frame, in mm.
+    /// Nominal TCP in the flange frame, in mm. Of several tips: one for all, or one for each.
     #[arg(
         long,
         help_heading = "Robot and data",
         value_name = "X,Y,Z",
         allow_hyphen_values = true
     )]
-    pub tool_mm: Option<String>,
+    pub tool_mm: Vec<String>,
     /// Mass at the flange, in kg.
     #[arg(long, help_heading = "Robot and data", value_name = "M")]
     pub payload_kg: Option<f64>,
@@ -166,8 +166,13 @@ fn work_box(text: &str) -> Result<WorkBox, BadValue> {
 ///
 /// # Errors
 /// Numbers or a configuration that cannot be used.
-fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<StudyRequest, StudyError> {
-    let point = |option: &str, text: &Option<String>| text.as_deref().map(|t| triple(option, t, 2000.0)).transpose();
+pub(super) fn request(
+    args: &IdentifyArgs,
+    robot: &str,
+    data: &Path,
+    tool: Option<&str>,
+) -> Result<StudyRequest, StudyError> {
+    let point = |option: &str, text: Option<&str>| text.map(|t| triple(option, t, 2000.0)).transpose();
     let mut options = match &args.config {
         None => Options::default(),
         Some(path) => {
@@ -196,9 +201,9 @@ fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<StudyRequest
         robot: robot.to_owned(),
         data: data.to_owned(),
         plate: args.plate.clone(),
-        tool_mm: point("--tool-mm", &args.tool_mm)?,
+        tool_mm: point("--tool-mm", tool)?,
         payload_kg: args.payload_kg,
-        payload_com_mm: point("--payload-com-mm", &args.payload_com_mm)?,
+        payload_com_mm: point("--payload-com-mm", args.payload_com_mm.as_deref())?,
         validate: args.validate.clone(),
         holdout: args.holdout.clone(),
         accuracy_mm: args.accuracy_mm,
@@ -213,7 +218,7 @@ fn request(args: &IdentifyArgs, robot: &str, data: &Path) -> Result<StudyRequest
 ///
 /// # Errors
 /// A plate that cannot be read.
-fn with_bags<'a>(
+pub(super) fn with_bags<'a>(
     request: &'a StudyRequest,
     model: RobotModel,
     tables: &'a BagTables,
@@ -279,14 +284,7 @@ fn say_what_is_wrong(request: &StudyRequest, sources: Sources<'_>) -> Result<Exi
 
 /// `spherecal identify`
 pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
-    let refuse = |error: StudyError| {
-        if error.is_input() {
-            CliError::input(error)
-        } else {
-            CliError::job(error)
-        }
-    };
-    let (Some(robot), Some(data)) = (&args.robot, &args.data) else {
+    let (Some(robot), Some(data)) = (&args.robot, args.data.first()) else {
         return stages::report(&StoredArgs {
             out: args.out.clone(),
             json: args.json,
@@ -302,8 +300,15 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
     if let Some(path) = &args.anonymise {
         refuse_existing(path)?;
     }
+    if args.data.len() > 1 {
+        return limbs::run(args, robot, &stated);
+    }
+    if args.tool_mm.len() > 1 {
+        return Err(CliError::input("--tool-mm: give one for one table"));
+    }
     let mut view = StudyProgress::new();
-    let mut request = request(args, robot, data).map_err(refuse)?;
+    let tool = args.tool_mm.first().map(String::as_str);
+    let mut request = request(args, robot, data, tool).map_err(refuse)?;
     let model = robots::load_path(&request.robot).map_err(|e| refuse(e.into()))?;
     if let Some(chain) = model.chain_words() {
         errln!("spherecal: the arm is {chain}");
@@ -313,37 +318,17 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
     });
     let mut tables = tables.inspect_err(|_| view.finish())?;
     let from_bag = tables.data.clone();
-    let slides = put_right(&args.table, &mut request, &model, &mut tables).inspect_err(|_| view.finish())?;
+    let slides = put_right(&args.table, &mut request, &model, &mut tables, Joints::Hinges);
+    let slides = slides.inspect_err(|_| view.finish())?;
     let sources = with_bags(&request, model, &tables).map_err(refuse)?;
     if args.explain {
         view.finish();
         return say_what_is_wrong(&request, sources);
     }
-    let loaded = assemble(&request, sources.clone(), &mut |p| view.show(StudyStep::Reading(p)));
-    let remarks = loaded
-        .as_ref()
-        .map_or(Ok(Vec::new()), |loaded| explain::looked_at(&request.data, loaded));
-    let remarks = remarks.inspect_err(|_| view.finish())?;
-    if !remarks.is_empty() {
-        view.finish();
-        for remark in &remarks {
-            errln!("spherecal: {remark}");
-        }
-        view = StudyProgress::new();
-    }
-    let study = loaded.and_then(|loaded| study_from(&request, loaded, &mut |step| view.show(step)));
-    view.finish();
-    let mut study = study.map_err(|error| {
-        if !explain::may_explain(&error) {
-            return refuse(error);
-        }
-        let found = explain::explained(&request, sources).ok();
-        CliError::input(explain::with_reason(&error, found.as_ref(), &tables.notes))
-    })?;
+    let mut study = identified(&request, sources, &tables.notes, view)?;
     if let Some(slides) = slides {
         take_slides(&mut study, &slides.directions());
     }
-    study.notes.extend(remarks);
     if let Some(path) = &args.anonymise {
         write_new(path, &anonymous_csv(&study.recordings))?;
         errln!(
@@ -353,24 +338,13 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
         );
     }
     let certificate = study_certificate(&study, &stated);
-    let report = render(&study_report(&study, &now_utc()))?;
-    let files = write_files(&study, &args.out, &certificate, Some(&report))?;
-    if let Some(moved) = &files.moved {
-        errln!("spherecal: {moved}");
-    }
-    let poses = args.out.join(POSES);
-    if let Some(csv) = &from_bag {
-        write_file(&poses, csv.as_bytes()).map_err(|e| CliError::job(format!("{}: {e}", poses.display())))?;
-    }
+    let paths = write_study(&study, &args.out, &certificate, from_bag.as_deref())?;
     if args.json {
         outln!("{:#}", summary_json(&study, &certificate));
     } else {
         outln!("{}", summary_text(&study));
-        for path in &files.paths {
+        for path in &paths {
             outln!("  {}", path.display());
-        }
-        if from_bag.is_some() {
-            outln!("  {}", poses.display());
         }
     }
     Ok(if study.evaluation.verdict.may_be_used {

@@ -15,6 +15,15 @@ use spherecal_model::robots::RobotModel;
 use super::bag::BagTables;
 use super::exit::CliError;
 
+/// What a table says of the joints of its robot after it was put right.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Joints {
+    /// The angles of the robot's table, with sliding joints at zero.
+    Hinges,
+    /// The columns of the whole path.
+    Path,
+}
+
 /// Files larger than this (bytes) are looked at only if an option asks for it: they are read as they are.
 const LOOKED_AT: u64 = 64 << 20;
 
@@ -224,7 +233,7 @@ fn looked_at(
 
 /// Puts the tables of a request right, in place of its files: columns, corrections, joints that slide or follow others.
 /// What was done goes to the tables' notes. Then the request's column options are used up. Returns the motion of the
-/// sliding joints, where there are some.
+/// sliding joints, where there are some and `joints` are those of the table.
 ///
 /// # Errors
 /// Options that say nothing, and tables that cannot be read.
@@ -233,6 +242,7 @@ pub(super) fn put_right(
     request: &mut StudyRequest,
     model: &RobotModel,
     tables: &mut BagTables,
+    joints: Joints,
 ) -> Result<Option<Slides>, CliError> {
     let path = model.joint_path().map_err(CliError::input)?;
     let plain = path.odd_joint().is_none();
@@ -261,7 +271,7 @@ pub(super) fn put_right(
         carriers,
         label: request.holdout.clone(),
     };
-    let rebuilt = !adjust.is_nothing() || !plain;
+    let rebuilt = !adjust.is_nothing() || !plain || joints == Joints::Path;
     let asked = rebuilt || !mapping.is_nothing();
     let mut motion: Option<Slides> = None;
     let tool = request.tool_mm.map_or(model.tool.tcp_m, |mm| mm.map(|x| x / 1e3));
@@ -283,7 +293,7 @@ pub(super) fn put_right(
             let mut places = Labels::default();
             let mut table: Table = read_csv(&name, csv.as_bytes(), &format, &mut places).map_err(CliError::input)?;
             adjust.apply(&mut table).map_err(CliError::input)?;
-            if !plain {
+            if !plain && joints == Joints::Hinges {
                 let done = hinges(&path, &tool.into(), &mut table, &mut motion).map_err(CliError::input)?;
                 notes.extend(done);
             }

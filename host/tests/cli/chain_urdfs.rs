@@ -66,6 +66,33 @@ pub(crate) fn humanoid(rail: bool) -> String {
     urdf(&out)
 }
 
+/// Two arms of six joints on a torso that turns, each on a mount that is fixed to the torso.
+pub(crate) fn two_arms() -> String {
+    let mut out = "torso_joint revolute base_link torso_link 0.01,0,0.4 z -1.5 1.5\n".to_owned();
+    for (side, y) in [("left", 1.0), ("right", -1.0)] {
+        let at = [
+            (format!("0,{},0", 0.1 * y), "y", -1.8, 1.8),
+            (format!("0.03,{},0", 0.1 * y), "z", -1.5, 1.5),
+            ("0.3,0,0".to_owned(), "y", -2.0, 0.2),
+            ("0.15,0,0.02".to_owned(), "x", -2.5, 2.5),
+            ("0.12,0,0".to_owned(), "y", -1.6, 1.6),
+            ("0.05,0.03,0".to_owned(), "x", -2.5, 2.5),
+        ];
+        out += &format!(
+            "{side}_mount fixed torso_link {side}_base 0.05,{},0.3 z 0 0\n",
+            0.15 * y
+        );
+        let mut parent = format!("{side}_base");
+        for (k, (at, axis, lower, upper)) in (1..).zip(at) {
+            let child = format!("{side}_{k}_link");
+            out += &format!("{side}_{k}_joint revolute {parent} {child} {at} {axis} {lower} {upper}\n");
+            parent = child;
+        }
+        out += &format!("{side}_tool_joint fixed {parent} {side}_tool 0.05,0,0 z 0 0\n");
+    }
+    urdf(&out)
+}
+
 /// Hinges in a row.
 pub(crate) fn hinges(count: usize) -> String {
     let mut out = String::new();

@@ -16,13 +16,13 @@ use crate::field::{check, python};
 use crate::support::{spherecal, text};
 
 /// TCP in the flange frame, in m.
-const TOOL_M: [f64; 3] = [0.02, 0.01, 0.08];
+pub(crate) const TOOL_M: [f64; 3] = [0.02, 0.01, 0.08];
 /// Noise of a measured point by axis, in m.
-const NOISE_M: f64 = 1e-4;
+pub(crate) const NOISE_M: f64 = 1e-4;
 
 /// The arm as it is, its joints' ranges, and what draws numbers.
-struct Real {
-    path: JointPath,
+pub(crate) struct Real {
+    pub(crate) path: JointPath,
     base: Pose<f64>,
     ranges: Vec<(f64, f64)>,
     random: ChaCha8Rng,
@@ -30,7 +30,7 @@ struct Real {
 
 impl Real {
     /// Errors of 1 mm and 3 mrad in every joint's place and direction.
-    fn new(file: &str) -> Self {
+    pub(crate) fn new(file: &str, seed: u64) -> Self {
         let model = load_path(file).expect("a chain");
         let mut real = Self {
             path: model.joint_path().expect("a path"),
@@ -39,7 +39,7 @@ impl Real {
                 position: [1.5, -0.3, 0.8].into(),
             },
             ranges: Vec::new(),
-            random: ChaCha8Rng::seed_from_u64(7),
+            random: ChaCha8Rng::seed_from_u64(seed),
         };
         let hinges: Vec<_> = model
             .robot
@@ -63,24 +63,41 @@ impl Real {
         (0..12).map(|_| self.random.random::<f64>()).sum::<f64>() - 6.0
     }
 
-    fn rows(&mut self, count: usize) -> Vec<(Vec<f64>, Vector3<f64>)> {
+    pub(crate) fn rows(&mut self, count: usize) -> Rows {
         let ranges = self.ranges.clone();
         let mut row = |_| {
             let q: Vec<f64> = ranges.iter().map(|&(a, b)| self.random.random_range(a..b)).collect();
-            let at = self.base.point(&point(&self.path, &q, &TOOL_M.into()));
+            let at = self.at(&q);
             (q, at)
         };
         (0..count).map(&mut row).collect()
     }
+
+    /// Where the tool is, in m.
+    pub(crate) fn at(&self, q: &[f64]) -> Vector3<f64> {
+        self.base.point(&point(&self.path, q, &TOOL_M.into()))
+    }
+
+    /// The same as measured.
+    pub(crate) fn measured(&mut self, count: usize) -> Rows {
+        let mut rows = self.rows(count);
+        for (_, at) in &mut rows {
+            *at += Vector3::new(self.normal(), self.normal(), self.normal()) * NOISE_M;
+        }
+        rows
+    }
 }
 
+/// Joint columns, each with a point, in m.
+pub(crate) type Rows = Vec<(Vec<f64>, Vector3<f64>)>;
+
 /// Where a point of the tip's frame is in the base frame, in m.
-fn point(path: &JointPath, columns: &[f64], tool: &Vector3<f64>) -> Vector3<f64> {
+pub(crate) fn point(path: &JointPath, columns: &[f64], tool: &Vector3<f64>) -> Vector3<f64> {
     path.frames(&path.positions(columns)).tip.point(tool)
 }
 
 /// Mean distance (m) of an arm's points from those of rows, after a best rigid fit of the base.
-fn error_m(rows: &[(Vec<f64>, Vector3<f64>)], at: impl Fn(&[f64]) -> Vector3<f64>) -> f64 {
+pub(crate) fn error_m(rows: &[(Vec<f64>, Vector3<f64>)], at: impl Fn(&[f64]) -> Vector3<f64>) -> f64 {
     let own: Vec<_> = rows.iter().map(|(q, _)| at(q)).collect();
     let real: Vec<_> = rows.iter().map(|(_, at)| *at).collect();
     let base = fit_pose(&own, &real).expect("points");
@@ -88,41 +105,66 @@ fn error_m(rows: &[(Vec<f64>, Vector3<f64>)], at: impl Fn(&[f64]) -> Vector3<f64
     far.sum::<f64>() / rows.len() as f64
 }
 
-/// Plain least squares over base, tool and all origins: Gauss-Newton steps of least norm. Returns path and tool.
-fn plain_fit(nominal: &JointPath, rows: &[(Vec<f64>, Vector3<f64>)]) -> (JointPath, Vector3<f64>) {
-    let (mut path, mut tool) = (nominal.clone(), Vector3::from(TOOL_M));
-    let onto: Vec<_> = rows.iter().map(|(_, at)| *at).collect();
+/// Plain least squares over base, tools and all origins: Gauss-Newton steps of least norm. All chains begin with the same
+/// `trunk` joints. Returns each path with its tool.
+pub(crate) fn plain_fit(nominal: &[JointPath], trunk: usize, rows: &[Rows]) -> Vec<(JointPath, Vector3<f64>)> {
+    let mut limbs: Vec<_> = nominal
+        .iter()
+        .map(|path| (path.clone(), Vector3::from(TOOL_M)))
+        .collect();
+    let onto: Vec<_> = rows.iter().flatten().map(|(_, at)| *at).collect();
+    let own: Vec<usize> = nominal.iter().map(|path| path.joints.len() - trunk).collect();
+    // Where the origin of a joint of a chain begins among the unknowns.
+    let place = |limb: usize, j: usize| {
+        let before: usize = own[..limb].iter().sum();
+        6 + 3 * own.len() + 6 * if j < trunk { j } else { before + j }
+    };
+    let size = place(own.len(), trunk);
     for _ in 0..6 {
-        let own: Vec<_> = rows.iter().map(|(q, _)| point(&path, q, &tool)).collect();
-        let base = fit_pose(&own, &onto).expect("points");
-        let n = path.joints.len();
-        let mut columns = DMatrix::zeros(3 * rows.len(), 9 + 6 * n);
-        let mut left = DVector::zeros(3 * rows.len());
-        for (k, (q, at)) in rows.iter().enumerate() {
+        let at = |limb: usize| rows[limb].iter().map(move |row| (limb, row));
+        let all: Vec<_> = (0..limbs.len()).flat_map(at).collect();
+        let now: Vec<_> = all
+            .iter()
+            .map(|(l, (q, _))| point(&limbs[*l].0, q, &limbs[*l].1))
+            .collect();
+        let base = fit_pose(&now, &onto).expect("points");
+        let mut columns = DMatrix::zeros(3 * all.len(), size);
+        let mut left = DVector::zeros(3 * all.len());
+        for (k, (limb, (q, at))) in all.into_iter().enumerate() {
+            let path = &limbs[limb].0;
             let frames = path.frames(&path.positions(q));
-            let p = own[k];
-            let turned = (0..3).map(|axis| Vector3::ith(axis, 1.0).cross(&p));
-            let shifted = (0..3).map(|axis| Vector3::ith(axis, 1.0));
-            let of_tool = (0..3).map(|axis| frames.tip.rotation.column(axis).into_owned());
-            let origins = (0..n).flat_map(|j| path.origin_columns(&frames, j, &p).map(|twist| twist.linear));
-            for (c, column) in shifted.chain(turned).chain(of_tool).chain(origins).enumerate() {
+            let p = now[k];
+            let mut put = |c: usize, column: Vector3<f64>| {
                 columns
                     .fixed_view_mut::<3, 1>(3 * k, c)
                     .copy_from(&(base.rotation * column));
+            };
+            for axis in 0..3 {
+                put(axis, Vector3::ith(axis, 1.0));
+                put(3 + axis, Vector3::ith(axis, 1.0).cross(&p));
+                put(6 + 3 * limb + axis, frames.tip.rotation.column(axis).into_owned());
+            }
+            for j in 0..path.joints.len() {
+                for (n, twist) in path.origin_columns(&frames, j, &p).into_iter().enumerate() {
+                    put(place(limb, j) + n, twist.linear);
+                }
             }
             left.fixed_rows_mut::<3>(3 * k).copy_from(&(at - base.point(&p)));
         }
         let step = columns.svd(true, true).solve(&left, 1e-6).expect("a step");
-        tool += step.fixed_rows::<3>(6);
-        for (j, joint) in path.joints.iter_mut().enumerate() {
-            let own = Pose {
-                position: step.fixed_rows::<3>(9 + 6 * j).into_owned(),
-                rotation: Rotation3::new(step.fixed_rows::<3>(12 + 6 * j).into_owned()).into_inner(),
-            };
-            joint.origin = compose(&joint.origin, &own);
+        for (limb, (path, tool)) in limbs.iter_mut().enumerate() {
+            *tool += step.fixed_rows::<3>(6 + 3 * limb);
+            for (j, joint) in path.joints.iter_mut().enumerate() {
+                let at = place(limb, j);
+                let own = Pose {
+                    position: step.fixed_rows::<3>(at).into_owned(),
+                    rotation: Rotation3::new(step.fixed_rows::<3>(at + 3).into_owned()).into_inner(),
+                };
+                joint.origin = compose(&joint.origin, &own);
+            }
         }
     }
-    (path, tool)
+    limbs
 }
 
 /// Identifies an arm of `urdf` between `ends` from 200 points in a table with the columns in another order, and with those
@@ -131,12 +173,9 @@ fn plain_fit(nominal: &JointPath, rows: &[(Vec<f64>, Vector3<f64>)]) -> (JointPa
 fn circle(folder: &Path, urdf: &str, ends: &str, others: &[&str], tcp: &str) -> String {
     std::fs::write(folder.join("arm.urdf"), urdf).expect("written");
     let file = format!("{}#{ends}", folder.join("arm.urdf").display());
-    let mut real = Real::new(&file);
+    let mut real = Real::new(&file, 7);
     let nominal = load_path(&file).expect("a chain").joint_path().expect("a path");
-    let mut rows = real.rows(200);
-    for (_, at) in &mut rows {
-        *at += Vector3::new(real.normal(), real.normal(), real.normal()) * NOISE_M;
-    }
+    let rows = real.measured(200);
     let new = real.rows(200);
     let mut table = String::new();
     for (k, name) in nominal.columns.iter().enumerate().rev() {
@@ -178,7 +217,7 @@ fn circle(folder: &Path, urdf: &str, ends: &str, others: &[&str], tcp: &str) -> 
     let path = calibrated.joint_path().expect("a path");
     assert_eq!(path.columns, nominal.columns);
     let found = error_m(&new, |q| point(&path, q, &Vector3::zeros()));
-    let (fitted, tool) = plain_fit(&nominal, &rows);
+    let (fitted, tool) = plain_fit(std::slice::from_ref(&nominal), 0, std::slice::from_ref(&rows)).remove(0);
     let plain = error_m(&new, |q| point(&fitted, q, &tool));
     println!(
         "{ends}, {} joints: {:.4} mm, plain least squares {:.4} mm, nominal {:.2} mm",
@@ -208,7 +247,7 @@ fn circle(folder: &Path, urdf: &str, ends: &str, others: &[&str], tcp: &str) -> 
 }
 
 /// Fails if yourdfpy finds the tool centre point of `calibrated.urdf` elsewhere than its path, by more than 1e-9 m.
-fn by_yourdfpy(folder: &Path, path: &JointPath, ends: (&str, &str), rows: &[(Vec<f64>, Vector3<f64>)]) {
+pub(crate) fn by_yourdfpy(folder: &Path, path: &JointPath, ends: (&str, &str), rows: &[(Vec<f64>, Vector3<f64>)]) {
     let Some(python) = python() else { return };
     let file = folder.join("out/calibrated.urdf");
     let written = std::fs::read_to_string(&file).expect("a URDF");

@@ -52,5 +52,6 @@ mod services;
 mod sources;
 mod support;
 mod targets;
+mod tips;
 mod universal_robots;
 mod wire_kills;

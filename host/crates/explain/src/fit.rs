@@ -1,4 +1,5 @@
-//! The fit behind a score: base, tool and joint offsets, and on demand the joints' origins.
+//! The fit behind a score: base, tool and joint offsets, and on demand the joints' origins. Several chains of one tree are
+//! fitted together: the joints with which all begin, their *trunk*, are fitted once.
 //!
 //! Iterated least squares with weights that fall for far rows (Cauchy's, squared), in the scale of the residuals
 //! themselves. Priors are in the same scale, so a hypothesis that fits badly cannot buy offsets.
@@ -6,7 +7,7 @@
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
 use spherecal_model::chain::rotation_vector;
 use spherecal_model::robots::frames::compose;
-use spherecal_model::robots::{JointKind, JointPath, Twist};
+use spherecal_model::robots::{JointPath, PathFrames, Twist};
 use spherecal_model::statistics::median;
 use spherecal_model::{Pose, fit_pose};
 
@@ -41,20 +42,39 @@ pub(crate) struct Effort {
 pub(crate) struct Fitted {
     /// Median distance of the TCP from its targets (with orientations, of both), in m.
     pub(crate) median_m: f64,
-    /// TCP in the flange frame, in m.
+    /// TCP of the first chain in its flange frame, in m.
     pub(crate) tool: Vector3<f64>,
     pub(crate) state: State,
 }
 
-/// A robot, its base and its tool as fitted.
+/// A chain and its tool as fitted.
 #[derive(Clone, Debug)]
-pub(crate) struct State {
-    path: JointPath,
-    offsets: Vec<f64>,
-    tool: Vector3<f64>,
+pub(crate) struct Limb {
+    pub(crate) path: JointPath,
+    /// How many joints all chains have in common, from the first.
+    trunk: usize,
+    /// Number of its first joint behind the trunk, among the joints of all chains.
+    first: usize,
+    /// TCP in the flange frame, in m.
+    pub(crate) tool: Vector3<f64>,
     /// Rotation of the measured body in the flange frame.
     body: Matrix3<f64>,
-    bases: Vec<Pose<f64>>,
+}
+
+impl Limb {
+    /// Number of its joint `k` among the joints of all chains.
+    fn number(&self, k: usize) -> usize {
+        if k < self.trunk { k } else { self.first + k - self.trunk }
+    }
+}
+
+/// A robot, its base and its tools as fitted.
+#[derive(Clone, Debug)]
+pub(crate) struct State {
+    pub(crate) limbs: Vec<Limb>,
+    /// Of all joints: those of the trunk, then those of each chain.
+    offsets: Vec<f64>,
+    pub(crate) bases: Vec<Pose<f64>>,
 }
 
 /// A rotation vector as a rotation.
@@ -63,47 +83,36 @@ fn turn(vector: &Vector3<f64>) -> Matrix3<f64> {
 }
 
 impl State {
-    fn frames(&self, row: &Row) -> spherecal_model::robots::PathFrames {
-        let mut q = self.path.positions(&row.q);
-        for (q, offset) in q.iter_mut().zip(&self.offsets) {
-            *q += offset;
+    /// Positions (rad, m) of a chain's joints for joint columns.
+    pub(crate) fn positions(&self, limb: &Limb, columns: &[f64]) -> Vec<f64> {
+        let mut q = limb.path.positions(columns);
+        for (k, q) in q.iter_mut().enumerate() {
+            *q += self.offset(limb, k);
         }
-        self.path.frames(&q)
+        q
     }
 
-    /// Where the TCP is for joint columns, in the frame of group 0 (m); with `slides` at zero if they are not wanted.
-    pub(crate) fn tcp(&self, columns: &[f64], slides: bool) -> Vector3<f64> {
-        let mut q = self.path.positions(columns);
-        for ((q, offset), joint) in q.iter_mut().zip(&self.offsets).zip(&self.path.joints) {
-            let zero = joint.kind == JointKind::Slides && !slides;
-            *q = if zero { 0.0 } else { *q + offset };
-        }
-        let at = self.path.frames(&q).tip.point(&self.tool);
-        self.bases.first().map_or(at, |base| base.point(&at))
+    /// The offset of a joint of a chain, in rad or m.
+    pub(crate) fn offset(&self, limb: &Limb, k: usize) -> f64 {
+        self.offsets.get(limb.number(k)).copied().unwrap_or_default()
     }
 
-    /// Directions of the sliding joints with all columns at zero, base to tip, in the frame of group 0.
-    pub(crate) fn slides(&self) -> Vec<Vector3<f64>> {
-        let mut q = self.path.positions(&[]);
-        for (q, offset) in q.iter_mut().zip(&self.offsets) {
-            *q += offset;
-        }
-        let frames = self.path.frames(&q);
-        let joints = self.path.joints.iter().zip(&frames.before);
-        let slides = joints.filter(|(joint, _)| joint.kind == JointKind::Slides);
-        let base = self.bases.first().map_or_else(Matrix3::identity, |base| base.rotation);
-        slides
-            .map(|(joint, frame)| base * (frame.rotation * joint.axis))
-            .collect()
+    fn limb(&self, row: &Row) -> &Limb {
+        &self.limbs[row.limb]
+    }
+
+    fn frames(&self, row: &Row) -> PathFrames {
+        let limb = self.limb(row);
+        limb.path.frames(&self.positions(limb, &row.q))
     }
 
     /// Residuals of a row: of the position in m, and of the orientation in rad.
     fn residual(&self, row: &Row, tip: &Pose<f64>) -> (Vector3<f64>, Vector3<f64>) {
-        let base = &self.bases[row.group];
-        let at = base.point(&tip.point(&self.tool));
+        let (base, limb) = (&self.bases[row.group], self.limb(row));
+        let at = base.point(&tip.point(&limb.tool));
         let turned = row.turn.map_or_else(Vector3::zeros, |measured| {
             rotation_vector(&Rotation3::from_matrix_unchecked(
-                measured * (base.rotation * tip.rotation * self.body).transpose(),
+                measured * (base.rotation * tip.rotation * limb.body).transpose(),
             ))
         });
         (row.at - at, turned)
@@ -117,26 +126,28 @@ impl State {
         rows.iter().map(one).collect()
     }
 
-    /// Places every group by its points, and the body by its orientations.
+    /// Places every group by its points, and the bodies by their orientations.
     fn place(&mut self, rows: &[Row]) {
         for group in 0..self.bases.len() {
             let of = || rows.iter().filter(|r| r.group == group);
-            let from: Vec<_> = of().map(|r| self.frames(r).tip.point(&self.tool)).collect();
+            let from: Vec<_> = of().map(|r| self.frames(r).tip.point(&self.limb(r).tool)).collect();
             let onto: Vec<_> = of().map(|r| r.at).collect();
             if let Some(pose) = fit_pose(&from, &onto) {
                 self.bases[group] = pose;
             }
         }
-        let mut sum = Matrix3::zeros();
-        for row in rows {
-            if let Some(measured) = row.turn {
-                sum += (self.bases[row.group].rotation * self.frames(row).tip.rotation).transpose() * measured;
+        for number in 0..self.limbs.len() {
+            let mut sum = Matrix3::zeros();
+            for row in rows.iter().filter(|row| row.limb == number) {
+                if let Some(measured) = row.turn {
+                    sum += (self.bases[row.group].rotation * self.frames(row).tip.rotation).transpose() * measured;
+                }
             }
-        }
-        let svd = sum.svd(true, true);
-        if let (Some(u), Some(vt)) = (svd.u, svd.v_t) {
-            let flip = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * vt).determinant().signum()));
-            self.body = u * flip * vt;
+            let svd = sum.svd(true, true);
+            if let (Some(u), Some(vt)) = (svd.u, svd.v_t) {
+                let flip = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * vt).determinant().signum()));
+                self.limbs[number].body = u * flip * vt;
+            }
         }
     }
 
@@ -149,9 +160,11 @@ impl State {
             base.rotation = turn(&three(k + 3)) * base.rotation;
             k += 6;
         }
-        self.tool += three(k);
-        self.body *= turn(&three(k + 3));
-        k += 6;
+        for limb in &mut self.limbs {
+            limb.tool += three(k);
+            limb.body *= turn(&three(k + 3));
+            k += 6;
+        }
         if effort.offsets {
             for offset in &mut self.offsets {
                 *offset += step[k];
@@ -159,13 +172,16 @@ impl State {
             }
         }
         if effort.origins {
-            for joint in &mut self.path.joints {
-                let own = Pose {
-                    rotation: turn(&three(k + 3)),
-                    position: three(k),
-                };
-                joint.origin = compose(&joint.origin, &own);
-                k += 6;
+            for limb in &mut self.limbs {
+                for j in 0..limb.path.joints.len() {
+                    let at = k + 6 * limb.number(j);
+                    let own = Pose {
+                        rotation: turn(&three(at + 3)),
+                        position: three(at),
+                    };
+                    let joint = &mut limb.path.joints[j];
+                    joint.origin = compose(&joint.origin, &own);
+                }
             }
         }
     }
@@ -173,23 +189,41 @@ impl State {
 
 /// Fits a path with its TCP to rows.
 pub(crate) fn fit(path: &JointPath, tool: &Vector3<f64>, rows: &[Row], effort: Effort) -> Fitted {
-    let n = path.joints.len();
+    fit_limbs(&[(path, *tool)], 0, rows, effort)
+}
+
+/// Fits chains with their TCPs to rows of each; all begin with the same `trunk` joints.
+pub(crate) fn fit_limbs(chains: &[(&JointPath, Vector3<f64>)], trunk: usize, rows: &[Row], effort: Effort) -> Fitted {
     let groups = rows.iter().map(|r| r.group + 1).max().unwrap_or(0);
+    let mut n = trunk;
+    let limb = |(path, tool): &(&JointPath, Vector3<f64>)| {
+        let first = n;
+        n += path.joints.len().saturating_sub(trunk);
+        Limb {
+            path: JointPath::clone(path),
+            trunk,
+            first,
+            tool: *tool,
+            body: Matrix3::identity(),
+        }
+    };
+    let limbs: Vec<Limb> = chains.iter().map(limb).collect();
+    let tools = 6 * limbs.len();
     let mut state = State {
-        path: path.clone(),
+        limbs,
         offsets: vec![0.0; n],
-        tool: *tool,
-        body: Matrix3::identity(),
         bases: vec![Pose::identity(); groups],
     };
     state.place(rows);
-    let size = 6 * groups + 6 + if effort.offsets { n } else { 0 } + if effort.origins { 6 * n } else { 0 };
+    let size = 6 * groups + tools + if effort.offsets { n } else { 0 } + if effort.origins { 6 * n } else { 0 };
     // What was added to each parameter that has a prior, and the prior's standard deviation.
     let mut sigma = DVector::from_element(size, f64::INFINITY);
     let at = 6 * groups;
-    sigma.rows_mut(at, 3).fill(effort.tool_m);
+    for k in 0..chains.len() {
+        sigma.rows_mut(at + 6 * k, 3).fill(effort.tool_m);
+    }
     if effort.offsets {
-        sigma.rows_mut(at + 6, n).fill(OFFSET_RAD);
+        sigma.rows_mut(at + tools, n).fill(OFFSET_RAD);
     }
     if effort.origins {
         let first = size - 6 * n;
@@ -233,7 +267,7 @@ pub(crate) fn fit(path: &JointPath, tool: &Vector3<f64>, rows: &[Row], effort: E
     }
     Fitted {
         median_m: best.0,
-        tool: best.1.tool,
+        tool: best.1.limbs.first().map_or_else(Vector3::zeros, |limb| limb.tool),
         state: best.1,
     }
 }
@@ -247,15 +281,14 @@ fn equations(
     effort: Effort,
     size: usize,
 ) -> (DMatrix<f64>, DVector<f64>) {
-    let n = state.path.joints.len();
-    let shared = 6 * state.bases.len();
+    let tools = 6 * state.bases.len();
     let mut normal = DMatrix::zeros(size, size);
     let mut right = DVector::zeros(size);
     let mut columns: Vec<(usize, Twist)> = Vec::with_capacity(size);
     for (row, distance) in rows.iter().zip(distances) {
         let frames = state.frames(row);
-        let base = &state.bases[row.group];
-        let inner = frames.tip.point(&state.tool);
+        let (base, limb) = (&state.bases[row.group], state.limb(row));
+        let inner = frames.tip.point(&limb.tool);
         let (at, turned) = state.residual(row, &frames.tip);
         columns.clear();
         // A twist of the arm, seen from the row's frame.
@@ -283,16 +316,16 @@ fn equations(
             ));
             let axis: Vector3<f64> = frames.tip.rotation.column(k).into();
             columns.push((
-                shared + k,
+                tools + 6 * row.limb + k,
                 out(Twist {
                     linear: axis,
                     angular: Vector3::zeros(),
                 }),
             ));
             if row.turn.is_some() {
-                let body: Vector3<f64> = (frames.tip.rotation * state.body).column(k).into();
+                let body: Vector3<f64> = (frames.tip.rotation * limb.body).column(k).into();
                 columns.push((
-                    shared + 3 + k,
+                    tools + 6 * row.limb + 3 + k,
                     out(Twist {
                         linear: Vector3::zeros(),
                         angular: body,
@@ -300,17 +333,22 @@ fn equations(
                 ));
             }
         }
-        let mut next = shared + 6;
+        let mut next = tools + 6 * state.limbs.len();
+        let joints = || (0..limb.path.joints.len()).map(|k| (k, limb.number(k)));
         if effort.offsets {
-            for k in 0..n {
-                columns.push((next + k, out(state.path.joint_column(&frames, k, &inner))));
+            for (k, number) in joints() {
+                columns.push((next + number, out(limb.path.joint_column(&frames, k, &inner))));
             }
-            next += n;
+            next += state.offsets.len();
         }
         if effort.origins {
-            for k in 0..n {
-                let six = state.path.origin_columns(&frames, k, &inner);
-                columns.extend(six.into_iter().enumerate().map(|(m, t)| (next + 6 * k + m, out(t))));
+            for (k, number) in joints() {
+                let six = limb.path.origin_columns(&frames, k, &inner);
+                columns.extend(
+                    six.into_iter()
+                        .enumerate()
+                        .map(|(m, t)| (next + 6 * number + m, out(t))),
+                );
             }
         }
         let weight = (1.0 + (distance / (3.0 * scale)).powi(2)).powi(-2) / (scale * scale);

@@ -12,7 +12,8 @@
 //! within [`TIE`] of the best are named with it: the data do not tell them apart. Where no single one is named, pairs are
 //! tried.
 //!
-//! The same fit takes the motion of sliding joints out of measured points ([`Slides`]).
+//! The same fit takes the motion of sliding joints, and of a trunk that several chains share, out of measured points
+//! ([`Slides`]).
 
 mod fit;
 mod hypotheses;
@@ -21,7 +22,7 @@ mod search;
 mod slides;
 mod words;
 
-pub use slides::{Slides, SlidesError, hinges};
+pub use slides::{ChainRows, Slides, SlidesError, hinges, observations};
 
 use nalgebra::Vector3;
 use spherecal_model::input::Adjustments;

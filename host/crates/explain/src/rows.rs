@@ -16,6 +16,8 @@ pub(crate) struct Row {
     pub(crate) turn: Option<Matrix3<f64>>,
     /// Rows with the same number have one frame: the instrument's, or that of one placement of the plate.
     pub(crate) group: usize,
+    /// Number of the chain that it is of.
+    pub(crate) limb: usize,
 }
 
 /// The rows of observations that say where the TCP was; of several targets the first.
@@ -39,6 +41,7 @@ pub(crate) fn rows(observations: &[Observation], spheres: &[Sphere]) -> Vec<Row>
             at: at.into(),
             turn,
             group: *groups.entry(frame).or_insert(next),
+            limb: 0,
         });
     }
     out
@@ -79,6 +82,7 @@ pub(crate) fn adjusted(rows: &[Row], adjust: &Adjustments, most: usize) -> Vec<R
             at,
             turn,
             group: target.group,
+            limb: target.limb,
         });
     }
     out

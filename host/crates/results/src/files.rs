@@ -131,8 +131,15 @@ pub(crate) fn calibrated_texts(results: &Results<'_>) -> CalibratedTexts {
     }
 }
 
-/// What a calibrated file says of its origin: first the error of the file itself.
+/// What a calibrated file says of its origin: first the error of the file itself, last where its base is.
 fn notes(results: &Results<'_>, model: &RobotModel) -> Vec<String> {
+    let mut notes = file_notes(results, model);
+    notes.push(base_note(&model.frame_names.0, &base_of_files(results.evaluation)));
+    notes
+}
+
+/// The same without the base.
+pub(crate) fn file_notes(results: &Results<'_>, model: &RobotModel) -> Vec<String> {
     let evaluation = results.evaluation;
     let verdict = &evaluation.verdict;
     let mut notes = vec![results.origin.clone()];
@@ -153,16 +160,18 @@ fn notes(results: &Results<'_>, model: &RobotModel) -> Vec<String> {
         spherecal_identify::evaluate::millimetres(&model.tool.tcp_m),
         model.frame_names.1
     ));
-    let base = base_of_files(evaluation);
-    notes.push(format!(
-        "base frame {} at {} mm, turned by the rotation vector ({:.6}, {:.6}, {:.6}) rad, in the frame of the measurements",
-        model.frame_names.0,
+    notes
+}
+
+/// Where a base frame is, in the frame of the measurements.
+pub(crate) fn base_note(name: &str, base: &Pose) -> String {
+    format!(
+        "base frame {name} at {} mm, turned by the rotation vector ({:.6}, {:.6}, {:.6}) rad, in the frame of the measurements",
         spherecal_identify::evaluate::millimetres(&base.position.into()),
         base.rotation_vector().x,
         base.rotation_vector().y,
         base.rotation_vector().z
-    ));
-    notes
+    )
 }
 
 /// The base frame of the files' geometry in the first frame of the measurements.

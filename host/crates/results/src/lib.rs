@@ -18,7 +18,7 @@ mod text;
 
 pub use certificate::{CertificateSubject, certificate, hexadecimal};
 pub use files::{CalibratedTexts, Files, Results, write_results};
-pub use study_files::{calibrated, take_slides, write_files};
+pub use study_files::{SharedJoints, calibrated, limbs_urdf, take_slides, write_files};
 pub use summary::{files_json, study_certificate, summary_json};
 pub use text::summary_text;
 

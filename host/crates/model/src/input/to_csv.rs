@@ -1,7 +1,9 @@
 //! A table as CSV again, in SI units and without a loss of digits.
 
-use super::table::{Labels, Table};
-use crate::{Set, Target};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+
+use super::table::{Labels, Table, rotation};
+use crate::{Pose, Set, Target};
 
 /// A name as a cell.
 fn cell(name: &str) -> String {
@@ -9,19 +11,29 @@ fn cell(name: &str) -> String {
 }
 
 impl Table {
-    /// Gives every row other joints (as many each) and moves its measured points. `row` returns both from the row's own
-    /// joint columns: angles in rad, and what to add in m. Torques are of the columns and are left out.
-    pub fn with_joints(&mut self, row: impl Fn(&[f64]) -> (Vec<f64>, [f64; 3])) {
+    /// Gives every row other joints (as many each) and moves what was measured. `row` returns both from the row's own
+    /// joint columns: angles in rad, and what takes the measured body to its new place (m). Torques are of the columns and
+    /// are left out.
+    pub fn with_joints(&mut self, row: impl Fn(&[f64]) -> (Vec<f64>, Pose<f64>)) {
         let mut q = Vec::with_capacity(self.q.len());
         for k in 0..self.len() {
             let own = self.q.get(k * self.joints..(k + 1) * self.joints).unwrap_or_default();
-            let (angles, shift) = row(own);
+            let (angles, motion) = row(own);
             q.extend_from_slice(&angles);
             let width = 3 * self.numbered;
             let points = self.points.get_mut(k * width..(k + 1) * width).unwrap_or_default();
             let point = self.fields.get_mut(k).map(|f| &mut f.point[..]).unwrap_or_default();
             for triple in points.chunks_exact_mut(3).chain(std::iter::once(point)) {
-                triple.iter_mut().zip(shift).for_each(|(x, by)| *x += by);
+                let moved = motion.point(&Vector3::new(triple[0], triple[1], triple[2]));
+                triple.copy_from_slice(moved.as_slice());
+            }
+            if motion.rotation != Matrix3::identity()
+                && let Some([w, x, y, z]) = self.orientations.get_mut(4 * k..4 * k + 4)
+                && !w.is_nan()
+            {
+                let turned = motion.rotation * rotation(*w, *x, *y, *z);
+                let turned = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(turned));
+                (*w, *x, *y, *z) = (turned.w, turned.i, turned.j, turned.k);
             }
         }
         self.joints = q.len() / self.len().max(1);

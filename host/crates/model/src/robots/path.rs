@@ -50,7 +50,7 @@ pub struct PathJoint {
 
 impl PathJoint {
     /// The motion at a position (rad or m), in its own frame.
-    fn motion(&self, position: f64) -> Pose<f64> {
+    pub fn motion(&self, position: f64) -> Pose<f64> {
         match self.kind {
             JointKind::Turns => Pose {
                 rotation: rot_axis(&self.axis, position),

@@ -1,6 +1,7 @@
 //! What must hold of every robot file: the table's forward kinematics are the
 //! file's own, whatever its axes.
 #![allow(clippy::approx_constant)] // URDF files write 1.5708.
+mod limbs;
 mod oddities;
 mod origins;
 mod refused;

@@ -124,14 +124,13 @@ fn attribute(text: &str) -> String {
 /// one. `notes` become a comment before the root element.
 pub fn write_urdf(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String]) -> String {
     match &model.origin {
-        Origin::Urdf(source) => edited(source, corrected(model, &source.0, &source.1, rows), notes),
+        Origin::Urdf(source) => edited(&source.0, corrected(model, &source.0, &source.1, rows), notes),
         _ => new_urdf(model, rows, notes),
     }
 }
 
 /// The text of a URDF with other joint origins.
-fn edited(source: &(Urdf, UrdfChain), corrected: Corrected, notes: &[String]) -> String {
-    let urdf = &source.0;
+pub(super) fn edited(urdf: &Urdf, corrected: Corrected, notes: &[String]) -> String {
     let mut edits: Vec<(usize, usize, String)> = vec![(urdf.root_at, urdf.root_at, comment(notes))];
     for (i, origin) in corrected.origins {
         let joint = &urdf.joints[i];
@@ -165,26 +164,39 @@ fn edited(source: &(Urdf, UrdfChain), corrected: Corrected, notes: &[String]) ->
 /// The same with the TCP (m, in the flange's frame) as a link of its own, `<robot>_tcp`, beside the user's. That of an
 /// earlier calibration is moved.
 pub fn write_urdf_with_tcp(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[String], tcp_m: &[f64; 3]) -> String {
-    let tcp = Pose {
-        position: (*tcp_m).into(),
-        ..Pose::identity()
-    };
     let tip = &model.frame_names.1;
     let mut known: &[String] = &[];
     if let Origin::Urdf(source) = &model.origin {
-        let earlier = |joint: &UrdfJoint| joint.carries_own_tcp() && joint.parent == *tip;
-        if let Some(i) = source.0.joints.iter().position(earlier) {
+        if let Some(i) = own_tcp(&source.0, tip) {
             let mut corrected = corrected(model, &source.0, &source.1, rows);
-            corrected.origins.push((i, tcp));
-            return edited(source, corrected, notes);
+            corrected.origins.push((i, tcp_frame(tcp_m)));
+            return edited(&source.0, corrected, notes);
         }
         known = &source.0.links;
     }
     let mut out = write_urdf(model, rows, notes);
-    let Some(end) = out.rfind("</robot>") else { return out };
-    let name: String = model
-        .robot
-        .name
+    add_tcp(&mut out, &model.robot.name, known, tip, tcp_m);
+    out
+}
+
+/// The joint that carries the tool centre point of a tip, where an earlier calibration wrote one.
+pub(super) fn own_tcp(urdf: &Urdf, tip: &str) -> Option<usize> {
+    let earlier = |joint: &UrdfJoint| joint.carries_own_tcp() && joint.parent == *tip;
+    urdf.joints.iter().position(earlier)
+}
+
+/// A tool centre point (m) as a frame.
+pub(super) fn tcp_frame(tcp_m: &[f64; 3]) -> Pose<f64> {
+    Pose {
+        position: (*tcp_m).into(),
+        ..Pose::identity()
+    }
+}
+
+/// Adds the tool centre point (m) of a tip to the text of a URDF as a link, `<name>_tcp`, unless this is a `known` link.
+pub(super) fn add_tcp(out: &mut String, name: &str, known: &[String], tip: &str, tcp_m: &[f64; 3]) {
+    let Some(end) = out.rfind("</robot>") else { return };
+    let name: String = name
         .chars()
         .map(|c| if c.is_ascii_alphanumeric() { c } else { '_' })
         .collect();
@@ -199,11 +211,10 @@ pub fn write_urdf_with_tcp(model: &RobotModel, rows: &[MdhRow<f64>], notes: &[St
              <joint name=\"{}\" type=\"fixed\">\n    {}\n    <parent link=\"{}\"/>\n    \
              <child link=\"{link}\"/>\n  </joint>\n",
             attribute(&UrdfJoint::name_of_tcp(tip, &link)),
-            origin_element(&tcp, [0.0; 3]),
+            origin_element(&tcp_frame(tcp_m), [0.0; 3]),
             attribute(tip)
         ),
     );
-    out
 }
 
 /// Radius of a link as it is drawn, in m: arms of 5 to 20 kg payload are about 0.1 m thick.
