@@ -1,14 +1,18 @@
 //! Descriptions of robots whose chains are no plain arm.
 
-/// `name type parent child x,y,z axis lower upper` in lines, as a URDF.
+/// `name type parent child x,y,z axis lower upper` in lines, as a URDF; behind them the joint that this one follows, the other
+/// way round.
 fn urdf(joints: &str) -> String {
     let mut links: Vec<&str> = Vec::new();
     let mut out = String::from("<robot name=\"talos\">\n");
     for line in joints.lines().filter(|line| !line.trim().is_empty()) {
         let words: Vec<&str> = line.split_whitespace().collect();
-        let &[name, kind, parent, child, at, axis, lower, upper] = words.as_slice() else {
+        let &[name, kind, parent, child, at, axis, lower, upper, ref leader @ ..] = words.as_slice() else {
             panic!("{line}")
         };
+        let mimic = leader.first().map_or(String::new(), |leader| {
+            format!("<mimic joint=\"{leader}\" multiplier=\"-1\"/>")
+        });
         for link in [parent, child] {
             if !links.contains(&link) {
                 links.push(link);
@@ -21,7 +25,7 @@ fn urdf(joints: &str) -> String {
         let axis = ["x", "y", "z"].map(|a| if a == axis { "1" } else { "0" }).join(" ");
         out += &format!(
             "<joint name=\"{name}\" type=\"{kind}\"><parent link=\"{parent}\"/><child link=\"{child}\"/>\
-             <origin xyz=\"{}\"/><axis xyz=\"{axis}\"/><limit lower=\"{lower}\" upper=\"{upper}\" effort=\"100\" \
+             <origin xyz=\"{}\"/><axis xyz=\"{axis}\"/>{mimic}<limit lower=\"{lower}\" upper=\"{upper}\" effort=\"100\" \
              velocity=\"2\"/></joint>\n",
             at.replace(',', " ")
         );
@@ -91,6 +95,71 @@ pub(crate) fn two_arms() -> String {
         out += &format!("{side}_tool_joint fixed {parent} {side}_tool 0.05,0,0 z 0 0\n");
     }
     urdf(&out)
+}
+
+/// A lift that carries a head and an arm of seven joints.
+pub(crate) fn lift() -> String {
+    let mut out = "lift_joint prismatic base_link torso 0,0,0.3 z 0 0.4
+        head_joint revolute torso head 0,0,0.6 z -1 1\n"
+        .to_owned();
+    let mut parent = "torso".to_owned();
+    for k in 1..=7 {
+        let (axis, at) = [("z", "0.02,0.01,0.14"), ("y", "0.03,-0.02,0.12")][(k + 1) % 2];
+        out += &format!("arm_{k}_joint revolute {parent} arm_{k} {at} {axis} -1.8 1.8\n");
+        parent = format!("arm_{k}");
+    }
+    urdf(&(out + &format!("tool_joint fixed {parent} tool0 0,0,0.05 z 0 0\n")))
+}
+
+/// An arm of six joints on a rail.
+pub(crate) fn rail() -> String {
+    urdf(
+        "rail_joint prismatic world base_link 0,0,0.1 x 0 2
+         j1 revolute base_link l1 0,0,0.3 z -2.5 2.5
+         j2 revolute l1 l2 0.05,0.1,0.1 y -1.5 1.5
+         j3 revolute l2 l3 0,0,0.4 y -2 0.5
+         j4 revolute l3 l4 0.15,0,0.03 x -2.5 2.5
+         j5 revolute l4 l5 0.25,0,0 y -1.8 1.8
+         j6 revolute l5 l6 0.08,0.02,0 x -2.5 2.5
+         tool_joint fixed l6 tool0 0.03,0,0 z 0 0",
+    )
+}
+
+/// A SCARA.
+pub(crate) fn scara() -> String {
+    urdf(
+        "j1 revolute base_link l1 0,0,0.3 z -2.2 2.2
+         j2 revolute l1 l2 0.3,0,0 z -2.4 2.4
+         j3 prismatic l2 l3 0.25,0,-0.05 z -0.2 0
+         j4 revolute l3 l4 0,0,-0.05 z -3 3
+         tool_joint fixed l4 tool0 0,0,-0.02 z 0 0",
+    )
+}
+
+/// An arm with a parallelogram, whose second rod turns back what the first one turned.
+pub(crate) fn parallelogram() -> String {
+    urdf(
+        "j1 revolute base_link l1 0,0,0.3 z -2.5 2.5
+         j2 revolute l1 l2 0.1,0.02,0.1 y -1.2 1.2
+         rod revolute l2 l3 0,0,0.4 y -1.2 1.2 j2
+         j3 revolute l3 l4 0.03,0,0.05 y -1.5 1.5
+         j4 revolute l4 l5 0.3,0.01,0 x -2.5 2.5
+         j5 revolute l5 l6 0.1,0,0.02 y -1.8 1.8
+         tool_joint fixed l6 tool0 0.05,0,0 z 0 0",
+    )
+}
+
+/// An arm whose boom slides out between its hinges.
+pub(crate) fn telescope() -> String {
+    urdf(
+        "j1 revolute base_link l1 0,0,0.3 z -2.5 2.5
+         j2 revolute l1 l2 0.05,0.02,0.1 y -1.2 1.2
+         boom prismatic l2 l3 0.2,0,0.05 x 0 0.4
+         j3 revolute l3 l4 0.1,0,0 y -1.5 1.5
+         j4 revolute l4 l5 0.1,0.01,0 z -1.8 1.8
+         j5 revolute l5 l6 0.1,0,0.02 x -2.5 2.5
+         tool_joint fixed l6 tool0 0.05,0,0.03 z 0 0",
+    )
 }
 
 /// Hinges in a row.

@@ -8,7 +8,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde_json::json;
 use spherecal::model::robots::frames::{compose, from_rpy};
-use spherecal::model::robots::{JointPath, load_path};
+use spherecal::model::robots::{JointKind, JointPath, load_path};
 use spherecal::model::{Pose, fit_pose};
 
 use crate::chain_urdfs::{hinges, humanoid};
@@ -41,14 +41,7 @@ impl Real {
             ranges: Vec::new(),
             random: ChaCha8Rng::seed_from_u64(seed),
         };
-        let hinges: Vec<_> = model
-            .robot
-            .joints
-            .iter()
-            .map(|j| (j.limits.min_rad, j.limits.max_rad))
-            .collect();
-        let slides = real.path.joints.len() - hinges.len();
-        real.ranges = [vec![(0.0, 2.0); slides], hinges].concat();
+        real.ranges = model.column_ranges(&real.path);
         for k in 0..real.path.joints.len() {
             let own = Pose {
                 rotation: from_rpy([3e-3 * real.normal(), 3e-3 * real.normal(), 3e-3 * real.normal()]),
@@ -151,7 +144,8 @@ pub(crate) fn plain_fit(nominal: &[JointPath], trunk: usize, rows: &[Rows]) -> V
             }
             left.fixed_rows_mut::<3>(3 * k).copy_from(&(at - base.point(&p)));
         }
-        let step = columns.svd(true, true).solve(&left, 1e-6).expect("a step");
+        // What the noise leaves open by more than 0.1 m or rad, the data do not determine.
+        let step = columns.svd(true, true).solve(&left, NOISE_M / 0.1).expect("a step");
         for (limb, (path, tool)) in limbs.iter_mut().enumerate() {
             *tool += step.fixed_rows::<3>(6 + 3 * limb);
             for (j, joint) in path.joints.iter_mut().enumerate() {
@@ -170,7 +164,7 @@ pub(crate) fn plain_fit(nominal: &[JointPath], trunk: usize, rows: &[Rows]) -> V
 /// Identifies an arm of `urdf` between `ends` from 200 points in a table with the columns in another order, and with those
 /// of joints that are not on the chain. Fails if yourdfpy finds the tool elsewhere in `calibrated.urdf`, or if
 /// `calibrated.urdf` is further from the arm in new postures than 1.1 times what plain least squares finds, or is not the arm of `calibrated.toml`.
-fn circle(folder: &Path, urdf: &str, ends: &str, others: &[&str], tcp: &str) -> String {
+pub(crate) fn circle(folder: &Path, urdf: &str, ends: &str, others: &[&str], tcp: &str) -> String {
     std::fs::write(folder.join("arm.urdf"), urdf).expect("written");
     let file = format!("{}#{ends}", folder.join("arm.urdf").display());
     let mut real = Real::new(&file, 7);
@@ -232,14 +226,13 @@ fn circle(folder: &Path, urdf: &str, ends: &str, others: &[&str], tcp: &str) -> 
 
     // The table holds the hinges, and the file with its slides at zero.
     let other = load_path(&folder.join("out/calibrated.toml").display().to_string()).expect("read");
-    let slides = path.joints.len() - other.robot.dof();
     for (q, _) in &new {
-        let at_zero: Vec<f64> = q
-            .iter()
-            .enumerate()
-            .map(|(k, q)| if k < slides { 0.0 } else { *q })
-            .collect();
-        let of_table = other.flange_at(&q[slides..]).point(&other.tool.tcp());
+        let mut at_zero = q.clone();
+        for joint in path.joints.iter().filter(|joint| joint.kind == JointKind::Slides) {
+            at_zero[joint.terms[0].0] = 0.0;
+        }
+        let angles = path.table_angles(&path.positions(q));
+        let of_table = other.flange_at(&angles).point(&other.tool.tcp());
         let apart = (of_table - point(&path, &at_zero, &Vector3::zeros())).norm();
         assert!(apart < 1e-9, "{apart} m");
     }
@@ -254,7 +247,8 @@ pub(crate) fn by_yourdfpy(folder: &Path, path: &JointPath, ends: (&str, &str), r
     let document = roxmltree::Document::parse(&written).expect("XML");
     let moving = document
         .descendants()
-        .filter(|n| n.has_tag_name("joint") && matches!(n.attribute("type"), Some("revolute" | "prismatic")));
+        .filter(|n| n.has_tag_name("joint") && matches!(n.attribute("type"), Some("revolute" | "prismatic")))
+        .filter(|n| !n.children().any(|n| n.has_tag_name("mimic")));
     let joints: Vec<&str> = moving.filter_map(|n| n.attribute("name")).collect();
     let one = |(q, _): &(Vec<f64>, Vector3<f64>)| {
         let value = |name: &&str| path.columns.iter().position(|c| c == name).map_or(0.0, |k| q[k]);

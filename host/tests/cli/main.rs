@@ -49,6 +49,7 @@ mod release;
 mod robot_sides;
 #[cfg(feature = "services")]
 mod services;
+mod slides;
 mod sources;
 mod support;
 mod targets;
