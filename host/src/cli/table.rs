@@ -270,6 +270,12 @@ pub(super) fn put_right(
         others,
         carriers,
         label: request.holdout.clone(),
+        units: adjust.units.clone(),
+    };
+    // The columns' units are corrected as they are read: degrees are no angles in rad.
+    let then = Adjustments {
+        units: Vec::new(),
+        ..adjust.clone()
     };
     let rebuilt = !adjust.is_nothing() || !plain || joints == Joints::Path;
     let asked = rebuilt || !mapping.is_nothing();
@@ -292,7 +298,7 @@ pub(super) fn put_right(
             };
             let mut places = Labels::default();
             let mut table: Table = read_csv(&name, csv.as_bytes(), &format, &mut places).map_err(CliError::input)?;
-            adjust.apply(&mut table).map_err(CliError::input)?;
+            then.apply(&mut table).map_err(CliError::input)?;
             if !plain && joints == Joints::Hinges {
                 let done = hinges(&path, &tool.into(), &mut table, &mut motion).map_err(CliError::input)?;
                 notes.extend(done);

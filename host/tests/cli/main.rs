@@ -33,6 +33,7 @@ mod hostile;
 mod impedance;
 mod kills;
 mod left_out;
+mod looks;
 mod main_job;
 mod mistakes;
 mod official_clients;

@@ -13,7 +13,7 @@ use crate::support::{spherecal, text};
 const TOOL_M: [f64; 3] = [0.02, 0.01, 0.12];
 
 /// Rows of an arm whose joints' zeros are off by some mrad: joint columns, and the measured pose.
-fn rows(model: &RobotModel, count: usize) -> Vec<(Vec<f64>, Pose<f64>)> {
+pub(crate) fn rows(model: &RobotModel, count: usize) -> Vec<(Vec<f64>, Pose<f64>)> {
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(11);
     let mut path = model.joint_path().expect("a path");
     for joint in &mut path.joints {
@@ -40,7 +40,7 @@ fn rows(model: &RobotModel, count: usize) -> Vec<(Vec<f64>, Pose<f64>)> {
 }
 
 /// A table of cells: the joints times `angle`, then what `measured` writes.
-fn table(
+pub(crate) fn table(
     header: &str,
     rows: &[(Vec<f64>, Pose<f64>)],
     separator: &str,
@@ -60,12 +60,12 @@ fn table(
     out
 }
 
-fn mm(at: &Pose<f64>) -> Vec<f64> {
+pub(crate) fn mm(at: &Pose<f64>) -> Vec<f64> {
     at.position.iter().map(|x| x * 1e3).collect()
 }
 
 /// Runs `identify`: its exit code, what it printed, and its error.
-fn identify(folder: &Path, data: &str, robot: &str, more: &[&str]) -> (Option<i32>, String, String) {
+pub(crate) fn identify(folder: &Path, data: &str, robot: &str, more: &[&str]) -> (Option<i32>, String, String) {
     std::fs::write(folder.join("t.csv"), data).expect("written");
     let given = [
         "identify",

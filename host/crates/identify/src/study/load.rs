@@ -115,6 +115,7 @@ pub fn assemble(
         others,
         carriers,
         label: request.holdout.clone(),
+        units: Vec::new(),
     };
     let mut places = Labels::default();
     let mut labels = Labels::default();

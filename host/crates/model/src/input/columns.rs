@@ -4,7 +4,7 @@
 pub const MOST_TARGETS: usize = 6;
 
 /// How a table is to be read.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct TableFormat {
     /// Joints of the robot.
     pub joints: usize,
@@ -23,6 +23,8 @@ pub struct TableFormat {
     pub carriers: Vec<String>,
     /// A further column whose values name groups of rows.
     pub label: Option<String>,
+    /// Factor of each joint column beside the unit of its name; a missing one is 1.
+    pub units: Vec<f64>,
 }
 
 impl TableFormat {

@@ -85,7 +85,13 @@ pub(super) fn header(file: &str, names: Vec<String>, format: &TableFormat) -> Re
             first_hint = first_hint.or_else(|| hint(&name, format));
             unknown.push(name);
         }
-        columns.push(column.unwrap_or(ColumnRole::Ignored));
+        columns.push(match column {
+            Some(ColumnRole::Angle { joint, scale }) => ColumnRole::Angle {
+                joint,
+                scale: scale * format.units.get(joint).copied().unwrap_or(1.0),
+            },
+            column => column.unwrap_or(ColumnRole::Ignored),
+        });
     }
     if !unknown.is_empty() {
         let numbers = |n: &String| n.replace(',', ".").parse::<f64>().is_ok();
