@@ -120,3 +120,41 @@ impl Table {
         out
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{TableFormat, read_csv};
+    use super::*;
+    use crate::Target;
+    use crate::robots::frames::{compose, distance, from_rpy};
+
+    // Fails if a measured body is not where its motion takes it, in position or orientation, if a row without an orientation
+    // gets one, or if the table as CSV says otherwise.
+    #[test]
+    fn joints_are_exchanged_and_bodies_moved() {
+        let format = TableFormat::new(2);
+        let text = "q1,q2,x_m,y_m,z_m,qw,qx,qy,qz\n0.1,0.2,1,2,3,0.5,0.5,-0.5,0.5\n0.3,0.4,-1,0.5,2,,,,\n";
+        let mut places = Labels::default();
+        let mut table = read_csv("t.csv", text.as_bytes(), &format, &mut places).expect("a table");
+        let before: Vec<Target> = table.rows().map(|row| row.target()).collect();
+        let motion = |q: f64| Pose {
+            rotation: from_rpy([q, -0.4, 2.0 * q]),
+            position: Vector3::new(0.1, q, -0.2),
+        };
+        table.with_joints(|q| (vec![q[1]], motion(q[0])));
+        let csv = table.to_csv(&places, None);
+        let again = read_csv("t.csv", csv.as_bytes(), &TableFormat::new(1), &mut places).expect("a table");
+        for table in [&table, &again] {
+            let rows: Vec<_> = table.rows().collect();
+            assert_eq!((rows[0].q, rows[1].q), (&[0.2][..], &[0.4][..]));
+            let (Target::Frame(was), Target::Frame(is)) = (&before[0], &rows[0].target()) else {
+                panic!("{before:?}")
+            };
+            assert!(distance(&compose(&motion(0.1), was), is) < 1e-14);
+            let (Target::Point(was), Target::Point(is)) = (&before[1], &rows[1].target()) else {
+                panic!("{before:?}")
+            };
+            assert!((motion(0.3).point(&Vector3::from(*was)) - Vector3::from(*is)).norm() < 1e-14);
+        }
+    }
+}
