@@ -10,7 +10,6 @@ use super::args::{BadValue, StoredArgs};
 use super::bag::{BagArgs, BagTables};
 use super::exit::{CliError, Exit};
 use super::explain;
-use super::limbs;
 use super::out::{errln, outln};
 use super::stages;
 use super::study::{identified, refuse, write_study};
@@ -299,9 +298,6 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
     };
     if let Some(path) = &args.anonymise {
         refuse_existing(path)?;
-    }
-    if args.data.len() > 1 {
-        return limbs::run(args, robot, &stated);
     }
     if args.tool_mm.len() > 1 {
         return Err(CliError::input("--tool-mm: give one for one table"));

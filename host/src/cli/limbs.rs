@@ -160,7 +160,13 @@ fn of_one_chain(args: &IdentifyArgs) -> Option<&'static str> {
 ///
 /// # Errors
 /// As for one, and tips that have no base in common or whose tables do not fit together.
-pub(super) fn run(args: &IdentifyArgs, robot: &str, stated: &CertificateSection) -> Result<Exit, CliError> {
+pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
+    let robot = args.robot.as_deref().unwrap_or_default();
+    // Refused before the work, not after it.
+    let stated = match &args.certificate {
+        Some(path) => CertificateSection::read(path).map_err(CliError::input)?,
+        None => CertificateSection::default(),
+    };
     if let Some(option) = of_one_chain(args) {
         return Err(CliError::input(format!(
             "{option}: is for one table; rows that judge a result have set = validate in the tables, and each tip has a \
@@ -205,7 +211,7 @@ pub(super) fn run(args: &IdentifyArgs, robot: &str, stated: &CertificateSection)
         };
         limbs_urdf(whole, &shared, &studies)
     });
-    write(args, stated, &tips, &studies, urdf.as_deref())
+    write(args, &stated, &tips, &studies, urdf.as_deref())
 }
 
 /// Writes the files of all tips, and says what they are.

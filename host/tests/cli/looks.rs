@@ -39,7 +39,9 @@ fn further_mistakes_are_named_with_the_option_that_corrects_them() {
     let folder = folder.path();
     let sound = rows(&ur5e(), 40);
     let mut one = sound.clone();
-    one.iter_mut().for_each(|(q, _)| q[3] = q[3].to_degrees());
+    for (q, _) in &mut one {
+        q[3] = q[3].to_degrees();
+    }
     // Degrees are no angles in rad: the cell says so.
     let degrees = table(POINTS, &one, ",", 1.0, mm);
     let (code, _, error) = identify(folder, &degrees, "ur5e", &[]);

@@ -19,7 +19,9 @@ fn chain(file: &Path, base: &str, tip: &str) -> JointPath {
 fn write(folder: &Path, name: &str, path: &JointPath, rows: &Rows) {
     let mut table = path.columns.join(",") + ",x_mm,y_mm,z_mm\n";
     for (q, at) in rows {
-        q.iter().for_each(|q| table += &format!("{q},"));
+        for q in q {
+            table += &format!("{q},");
+        }
         table += &format!("{},{},{}\n", at.x * 1e3, at.y * 1e3, at.z * 1e3);
     }
     std::fs::write(folder.join(name), table).expect("written");
@@ -190,7 +192,9 @@ fn tips_that_do_not_belong_together_are_refused() {
     let mut right = robot.real[1].measured(60);
     write(folder, "left_tool.csv", &robot.nominal[0], &left);
     // The instrument stood elsewhere.
-    right.iter_mut().for_each(|(_, at)| at.x += 300.0 * NOISE_M);
+    for (_, at) in &mut right {
+        at.x += 300.0 * NOISE_M;
+    }
     write(folder, "right_tool.csv", &robot.nominal[1], &right);
     let both = robot.arguments();
     let both: Vec<&str> = both.iter().map(String::as_str).collect();

@@ -226,10 +226,9 @@ fn draw(seed: u64) -> Drawn {
         if random.random_range(0..4) == 0 {
             let changed = change(&text);
             // Limits of one joint alone are given.
-            if name.contains("limits") || name.contains("joint") || name.contains("force") {
-                if text.contains("<limit") || changed == text {
-                    continue;
-                }
+            let limits = ["limits", "joint", "force"].iter().any(|word| name.contains(word));
+            if limits && (text.contains("<limit") || changed == text) {
+                continue;
             }
             text = changed;
             said.extend(note);
