@@ -250,7 +250,7 @@ fn write(
     put(&args.out)?;
     match urdf {
         Some(_) => outln!("the whole robot\n  {}", args.out.join(URDF).display()),
-        None => outln!("no {URDF}: the geometry of a tip alone would not be better than the nominal one"),
+        None => outln!("no {URDF}: the geometry of no tip would be better than the nominal one"),
     }
     let used = studies.iter().all(|study| study.evaluation.verdict.may_be_used);
     Ok(if used { Exit::Done } else { Exit::NotTrusted })

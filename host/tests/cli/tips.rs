@@ -109,7 +109,8 @@ impl<'a> Robot<'a> {
         let arguments = self.arguments();
         let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
         let (code, said) = identify(self.folder, &[&arguments[..], &["--out", "out"]].concat());
-        assert_eq!(code, Some(0), "{said}");
+        // A head alone may be as good with its nominal geometry, and its verdict says so.
+        assert!(code == Some(0) || code == Some(3) && self.tips.len() > 2, "{said}");
         let tcps: Vec<String> = self.tips.iter().map(|tip| format!("{tip}_tcp")).collect();
         let written = self.written("out", &tcps);
         for other in &written {

@@ -58,9 +58,10 @@ pub struct SharedJoints {
 }
 
 /// The URDF of a robot of which `studies` calibrated one chain each, behind joints that they share; `whole` is the chain from
-/// the base to the first tip. `None` if the geometry of a chain would be worse than the nominal one.
+/// the base to the first tip. `None` if the geometry of no chain would be better than the nominal one. A chain alone that is
+/// as good with its nominal geometry, such as a head of two joints, still gets its place on the others' trunk.
 pub fn limbs_urdf(whole: &RobotModel, shared: &SharedJoints, studies: &[Study]) -> Option<String> {
-    if !studies.iter().all(|study| study.evaluation.geometry.helps()) {
+    if !studies.iter().any(|study| study.evaluation.geometry.helps()) {
         return None;
     }
     let mut notes = Vec::new();
