@@ -171,7 +171,7 @@ impl ClientLink {
         let dq = self
             .filter
             .update(&message.measured_position, f64::from(steps) * period);
-        self.state = MonitoredState::new(&message, dq);
+        self.state = MonitoredState { message, dq };
         self.newest = Some(message);
         Ok(true)
     }
@@ -193,7 +193,7 @@ impl ClientLink {
 
     /// Whether the newest message is due for an answer: each n-th is.
     pub(super) fn answer_is_due(&self) -> bool {
-        let multiplier = self.state.receive_multiplier.unwrap_or(1).max(1);
+        let multiplier = self.state.message.connection.receive_multiplier.unwrap_or(1).max(1);
         self.newest.is_some() && self.unanswered >= multiplier
     }
 
@@ -201,13 +201,17 @@ impl ClientLink {
     /// measured one.
     pub(super) fn mirror_monitoring(&mut self) -> Result<bool, ClientError> {
         let monitoring = matches!(
-            self.state.session,
+            self.state.message.connection.session,
             SessionState::MonitoringWait | SessionState::MonitoringReady
         );
         if !monitoring || !self.answer_is_due() {
             return Ok(false);
         }
-        let position = self.state.commanded_position.unwrap_or(self.state.q);
+        let position = self
+            .state
+            .message
+            .commanded_position
+            .unwrap_or(self.state.message.measured_position);
         self.send(position, None)?;
         Ok(true)
     }

@@ -120,12 +120,18 @@ impl KukaDrive {
         };
         let mut client = Client::listen(&config)?;
         let state = first_state(&mut client, config.machine.as_ref())?;
-        let multiplier = state.receive_multiplier.unwrap_or(1);
+        let multiplier = state.message.connection.receive_multiplier.unwrap_or(1);
         if multiplier > 1 {
             return Err(KukaError::Multiplier { multiplier });
         }
         let (state, torque_sign) = sign(&mut client, state, &arm)?;
-        let period_us = state.send_period_ms.unwrap_or(1).max(1).saturating_mul(1000);
+        let period_us = state
+            .message
+            .connection
+            .send_period_ms
+            .unwrap_or(1)
+            .max(1)
+            .saturating_mul(1000);
         // No cabinet is on this computer: what sends from here is a simulation.
         let simulated = client.cabinet().is_some_and(|address| address.is_loopback());
         let hello = DriveHello {
@@ -174,11 +180,13 @@ impl Kuka {
             }
             if !told && elapsed() > Duration::from_secs(1) {
                 told = true;
-                course.recorder.event(DriveEvent::KukaWaits(self.state.session));
+                course
+                    .recorder
+                    .event(DriveEvent::KukaWaits(self.state.message.connection.session));
             }
             if elapsed() > START {
                 self.client.disable();
-                course.refused(DriveEvent::KukaWaits(self.state.session));
+                course.refused(DriveEvent::KukaWaits(self.state.message.connection.session));
                 return Ok(());
             }
         }
@@ -231,14 +239,18 @@ impl Interface<JOINTS> for Kuka {
     }
 
     fn measured(&self) -> [[f64; JOINTS]; 3] {
-        [self.state.q, self.state.dq, self.state.measured_torque]
+        [
+            self.state.message.measured_position,
+            self.state.dq,
+            self.state.message.measured_torque,
+        ]
     }
 
     fn status(&self, course: &Course) -> DriveStatus {
-        if self.state.safety != Some(SafetyState::NormalOperation) {
+        if self.state.message.robot.safety != Some(SafetyState::NormalOperation) {
             return DriveStatus::EmergencyStop;
         }
-        match self.state.session {
+        match self.state.message.connection.session {
             SessionState::Idle => DriveStatus::Disabled,
             // In MONITORING_WAIT too: the start waits until the connection is good.
             _ if self.client.is_enabled() || course.may_start() => DriveStatus::Ready,
@@ -266,7 +278,10 @@ fn first_state(client: &mut Client, machine: &dyn Machine) -> Result<MonitoredSt
                 if !std::mem::replace(&mut heard, true) {
                     begun = machine.now();
                 }
-                if !matches!(state.session, SessionState::Idle | SessionState::MonitoringWait) {
+                if !matches!(
+                    state.message.connection.session,
+                    SessionState::Idle | SessionState::MonitoringWait
+                ) {
                     return Ok(state);
                 }
             }
@@ -276,8 +291,8 @@ fn first_state(client: &mut Client, machine: &dyn Machine) -> Result<MonitoredSt
         }
         if heard && since(begun) > FIRST {
             return Err(KukaError::NotReady {
-                session: state.session,
-                quality: state.quality,
+                session: state.message.connection.session,
+                quality: state.message.connection.quality,
             });
         }
     }
@@ -295,7 +310,7 @@ fn sign(
     while count < SIGN_STATES {
         match client.receive(&mut state) {
             Ok(_) => {
-                for (sum, tau) in measured.iter_mut().zip(&state.measured_torque) {
+                for (sum, tau) in measured.iter_mut().zip(&state.message.measured_torque) {
                     *sum += tau / f64::from(SIGN_STATES);
                 }
                 count += 1;
@@ -304,7 +319,10 @@ fn sign(
             Err(error) => return Err(error.into()),
         }
     }
-    let gravity: [f64; JOINTS] = arm.bodies(&arm.frames(&state.q)).gravity().into();
+    let gravity: [f64; JOINTS] = arm
+        .bodies(&arm.frames(&state.message.measured_position))
+        .gravity()
+        .into();
     match measured_sign(&measured, &gravity) {
         Some(MeasuredSign::Positive) => Ok((state, TorqueSign::OfActuator)),
         Some(MeasuredSign::Negative) => Ok((state, TorqueSign::OfLink)),
