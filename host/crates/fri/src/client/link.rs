@@ -11,6 +11,8 @@ use crate::wire::{
     Checksum, CommandMessage, Framing, MAX_DATAGRAM_SIZE, MAX_MESSAGE_SIZE, MonitoringMessage, SessionState,
 };
 
+/// Cut-off frequency of the velocity filter, Hz: see [`VelocityFilter`].
+const VELOCITY_CUTOFF_HZ: f64 = 100.0;
 /// Messages older than the newest by no more than this are late or out of order. What is older still comes from a
 /// restarted cabinet.
 const REORDERED: u32 = 100;
@@ -91,7 +93,7 @@ impl ClientLink {
             answer_to: None,
             newest: None,
             framing: Framing::default(),
-            filter: VelocityFilter::new(config.velocity_cutoff_hz),
+            filter: VelocityFilter::new(VELOCITY_CUTOFF_HZ),
             unanswered: 0,
             sequence: 0,
             reflected: None,
