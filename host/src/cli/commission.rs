@@ -9,7 +9,7 @@ use spherecal_job::{self as job, Commissioning, JobError, Link};
 use spherecal_link::JournalError;
 
 use super::args::RunArgs;
-use super::exit::{CliError, Exit, interrupt};
+use super::exit::{CliError, Exit, interrupt, unwritten};
 use super::features;
 use super::out::{errln, outln};
 use super::terminal_operator::{Entered, TerminalOperator};
@@ -208,10 +208,7 @@ pub(super) fn run(args: &CommissionArgs) -> Result<Exit, CliError> {
     features::check_run(args)?;
     let interrupt = interrupt()?;
     let prepared = args.prepare()?;
-    std::fs::create_dir_all(&args.out).map_err(|source| JobError::Write {
-        path: args.out.display().to_string(),
-        source,
-    })?;
+    std::fs::create_dir_all(&args.out).map_err(unwritten(&args.out))?;
     let mut store = job::open_store(&args.database(), true)?;
     errln!(
         "Commissioning of {} over {}: five steps. The first commands nothing.\n",

@@ -1,5 +1,6 @@
 //! How a command ends.
 
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -101,6 +102,14 @@ impl<E: Into<JobError>> From<E> for CliError {
         } else {
             Self::job(error)
         }
+    }
+}
+
+/// The error of a file or folder that cannot be written.
+pub(super) fn unwritten(path: &Path) -> impl Fn(std::io::Error) -> JobError + Copy + '_ {
+    |source| JobError::Write {
+        path: path.display().to_string(),
+        source,
     }
 }
 

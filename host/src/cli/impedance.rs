@@ -5,11 +5,11 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use serde::Deserialize;
 use spherecal_campaign::{Answer, CampaignError, CampaignObserver, ManualControl, Order};
-use spherecal_job::{self as job, JobError};
+use spherecal_job as job;
 use spherecal_shared::protocol::host::{ImpedanceCommand, Sample};
 
 use super::args::RunArgs;
-use super::exit::{CliError, Exit, interrupt};
+use super::exit::{CliError, Exit, interrupt, unwritten};
 use super::features;
 use super::out::{errln, outln};
 use super::terminal_operator::{Entered, TerminalOperator};
@@ -241,10 +241,7 @@ pub(super) fn run(args: &ImpedanceArgs) -> Result<Exit, CliError> {
     features::check_run(&args.run)?;
     let stop = interrupt()?;
     let prepared = args.run.prepare()?;
-    std::fs::create_dir_all(&args.run.out).map_err(|source| JobError::Write {
-        path: args.run.out.display().to_string(),
-        source,
-    })?;
+    std::fs::create_dir_all(&args.run.out).map_err(unwritten(&args.run.out))?;
     let mut ended = None;
     let interrupted = || stop.load(std::sync::atomic::Ordering::Relaxed);
     job::impedance(

@@ -4,12 +4,11 @@ use std::fs::File;
 use std::io::{ErrorKind, IsTerminal as _, Write as _};
 use std::path::{Path, PathBuf};
 
-use super::exit::{CliError, Exit};
+use super::exit::{CliError, Exit, unwritten};
 use super::init_given::{Given, InitArgs, refused};
 use super::init_questions::Questions;
 use super::out::outln;
 use super::run::shell_word;
-use spherecal_job::JobError;
 use spherecal_job::new_cell::{Instrument, NewCell, NewCellFiles};
 
 /// Names of the files, and what they are for.
@@ -67,14 +66,7 @@ fn already(files: &str) -> CliError {
 
 /// Writes the files, all or none. A file that is there is never replaced.
 fn write(folder: &Path, files: &NewCellFiles) -> Result<(), CliError> {
-    let failed = |path: &Path, source: std::io::Error| -> CliError {
-        JobError::Write {
-            path: path.display().to_string(),
-            source,
-        }
-        .into()
-    };
-    std::fs::create_dir_all(folder).map_err(|e| failed(folder, e))?;
+    std::fs::create_dir_all(folder).map_err(unwritten(folder))?;
     let mut made: Vec<PathBuf> = Vec::new();
     for (name, text) in [
         (CELL, &files.cell_toml),
@@ -94,7 +86,7 @@ fn write(folder: &Path, files: &NewCellFiles) -> Result<(), CliError> {
             }
             return Err(match error.kind() {
                 ErrorKind::AlreadyExists => already(&path.display().to_string()),
-                _ => failed(&path, error),
+                _ => unwritten(&path)(error).into(),
             });
         }
     }

@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use serde_json::{Value, json};
-use spherecal_job::{JobError, Link};
+use spherecal_job::Link;
 use spherecal_link::UrReader;
 use spherecal_model::robots::{self, RobotDifference, RobotModel, UrParameters, compare as difference, toml_file};
 use spherecal_model::write_file;
 
 use super::args::BadValue;
-use super::exit::CliError;
+use super::exit::{CliError, unwritten};
 use super::out::{errln, outln};
 
 /// A link to a robot of Universal Robots.
@@ -56,12 +56,7 @@ pub(super) fn own_robot(reader: &UrReader, out: &Path) -> Result<String, CliErro
     })?;
     let path = out.with_extension("robot.toml");
     let notes = [format!("as its controller (software {}) computes it", reader.version())];
-    write_file(&path, toml_file::write(&model, &notes)).map_err(|source| {
-        CliError::from(JobError::Write {
-            path: path.display().to_string(),
-            source,
-        })
-    })?;
+    write_file(&path, toml_file::write(&model, &notes)).map_err(unwritten(&path))?;
     let file = path.display();
     match from_nominal(&model) {
         Some((nominal, found)) => errln!(

@@ -1,11 +1,10 @@
 //! `spherecal plan`: what would be visited.
 
 use super::args::RunArgs;
-use super::exit::{CliError, Exit};
+use super::exit::{CliError, Exit, unwritten};
 use super::features;
 use super::out::{out, outln};
 use super::text;
-use spherecal_job::JobError;
 use spherecal_model::write_file;
 
 /// Makes the plan, prints its summary, and writes it.
@@ -17,13 +16,9 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
         outln!("{json}");
         return Ok(Exit::Done);
     }
-    let written = |source: std::io::Error| JobError::Write {
-        path: args.out.display().to_string(),
-        source,
-    };
-    std::fs::create_dir_all(&args.out).map_err(written)?;
+    std::fs::create_dir_all(&args.out).map_err(unwritten(&args.out))?;
     let path = args.out.join("plan.json");
-    write_file(&path, json + "\n").map_err(written)?;
+    write_file(&path, json + "\n").map_err(unwritten(&args.out))?;
     out!("{}", text::plan(&prepared.plan));
     if let Some(wanted_mm) = prepared.config.plan.accuracy_mm {
         outln!(

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use spherecal_shared::robot::BUILT_IN;
 
-use super::exit::{CliError, Exit};
+use super::exit::{CliError, Exit, unwritten};
 use super::out::outln;
 use super::own_calibration::{compare, read};
-use spherecal_job::{JobError, Link};
+use spherecal_job::Link;
 use spherecal_model::robots::{
     self, JointKind, PathJoint, RobotFileError, RobotModel, toml_file, write_kinematics_yaml, write_urdf,
 };
@@ -371,10 +371,5 @@ fn convert(model: &RobotModel, to: &Path, standard: bool) -> Result<(), CliError
             )));
         }
     };
-    write_file(to, text).map_err(|source| {
-        CliError::from(JobError::Write {
-            path: to.display().to_string(),
-            source,
-        })
-    })
+    Ok(write_file(to, text).map_err(unwritten(to))?)
 }

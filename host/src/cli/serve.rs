@@ -144,13 +144,14 @@ mod services {
 
     use spherecal_campaign::TrackerError;
     use spherecal_job::connect::device;
-    use spherecal_job::{Choice, Config, JobError, PlanSection, PreparedRun};
+    use spherecal_job::{Choice, JobError, PlanSection, PreparedRun};
     use spherecal_link::LinkError;
     use spherecal_services::Offer;
     use spherecal_services::grpc::{DeviceFactory, RobotFacts};
 
     use crate::simulated::{plant, prepare};
 
+    use super::super::args::base;
     use super::{CliError, ServeArgs, Service};
 
     /// Adds robot and tracker, if requested.
@@ -179,13 +180,7 @@ mod services {
     }
 
     fn prepared(args: &ServeArgs) -> Result<PreparedRun, CliError> {
-        let mut config = match &args.config {
-            Some(path) => Config::read(path)?,
-            None => Config::default(),
-        };
-        if let Some(seed) = args.seed {
-            config.seed = seed;
-        }
+        let mut config = base(args.config.as_deref(), args.seed)?;
         // The client makes the plan; a small one here gives the home position.
         config.plan = PlanSection {
             poses: 6,

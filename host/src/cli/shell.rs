@@ -2,16 +2,15 @@
 //! the description of the command line.
 
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Command};
 use clap_complete::Shell;
 
-use super::exit::{CliError, Exit};
+use super::exit::{CliError, Exit, unwritten};
 use super::out::outln;
 use spherecal_identify::{Method, Model};
-use spherecal_job::JobError;
 use spherecal_shared::robot::BUILT_IN;
 use spherecal_sim::inject::PRESETS;
 use spherecal_sim::plant;
@@ -131,8 +130,8 @@ pub(super) fn man(args: &ManArgs, command: Command) -> Result<Exit, CliError> {
             .map_err(CliError::job)?;
         return print_bytes(&page);
     };
-    std::fs::create_dir_all(folder).map_err(|source| unwritten(folder, source))?;
-    clap_mangen::generate_to(command, folder).map_err(|source| unwritten(folder, source))?;
+    std::fs::create_dir_all(folder).map_err(unwritten(folder))?;
+    clap_mangen::generate_to(command, folder).map_err(unwritten(folder))?;
     outln!("{}", folder.join("spherecal.1").display());
     Ok(Exit::Done)
 }
@@ -142,12 +141,5 @@ fn print_bytes(bytes: &[u8]) -> Result<Exit, CliError> {
     match std::io::stdout().lock().write_all(bytes) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(CliError::job(error)),
         _ => Ok(Exit::Done),
-    }
-}
-
-fn unwritten(folder: &Path, source: std::io::Error) -> JobError {
-    JobError::Write {
-        path: folder.display().to_string(),
-        source,
     }
 }

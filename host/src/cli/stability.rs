@@ -5,12 +5,12 @@ use std::path::Path;
 use clap::Args;
 
 use super::args::RunArgs;
-use super::exit::{CliError, Exit, interrupt};
+use super::exit::{CliError, Exit, interrupt, unwritten};
 use super::features;
 use super::out::{out, outln};
 use super::progress::ProgressView;
+use spherecal_job::PreparedRun;
 use spherecal_job::stability::{Held, Stillness, analyse, hold, holds_report};
-use spherecal_job::{JobError, PreparedRun};
 use spherecal_model::chain::Chain;
 use spherecal_model::robots;
 use spherecal_report as report;
@@ -48,10 +48,7 @@ pub(super) fn run(args: &StabilityArgs) -> Result<Exit, CliError> {
     features::check_run(run)?;
     let interrupt = interrupt()?;
     let prepared = run.prepare()?;
-    std::fs::create_dir_all(&run.out).map_err(|source| JobError::Write {
-        path: run.out.display().to_string(),
-        source,
-    })?;
+    std::fs::create_dir_all(&run.out).map_err(unwritten(&run.out))?;
     let (model, chain) = model(&prepared, &run.out)?;
     let ticks = u32::from(args.hold_s) * SAMPLES_PER_S;
     let places = usize::from(args.places);

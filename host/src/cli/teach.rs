@@ -6,13 +6,13 @@
 use std::collections::BTreeMap;
 
 use super::args::RunArgs;
-use super::exit::{CliError, Exit, interrupt};
+use super::exit::{CliError, Exit, interrupt, unwritten};
 use super::features;
 use super::out::{errln, outln};
 use super::progress::ProgressView;
 use super::terminal_operator::TerminalOperator;
 use spherecal_campaign::Operator;
-use spherecal_job::{self as job, JobError};
+use spherecal_job as job;
 use spherecal_model::chain::Chain;
 
 impl Operator for TerminalOperator {
@@ -41,10 +41,7 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
     let interrupt = interrupt()?;
     let prepared = args.prepare()?;
     let path = args.out.join("waypoints.toml");
-    std::fs::create_dir_all(&args.out).map_err(|source| JobError::Write {
-        path: args.out.display().to_string(),
-        source,
-    })?;
+    std::fs::create_dir_all(&args.out).map_err(unwritten(&args.out))?;
     let mut view = ProgressView::new();
     let mut person = TerminalOperator::default();
     let taught = job::teach(&prepared, &args.link, &args.out, &mut person, &mut view, &interrupt);

@@ -17,65 +17,33 @@ pub const BUILT_IN: &[&str] = &[
     "iiwa7", "iiwa14", "panda", "fr3", "ur5e", "ur10e", "ur3e", "ur16e", "ur20", "ur30", "irb120",
 ];
 
-/// One joint: alpha (rad), d (m), limit (rad), speed (rad/s), torque (N m), mass
-/// (kg), centre of mass (m), inertia xx yy zz xy xz yz (kg m²).
-type Row = (f64, f64, f64, f64, f64, f64, [f64; 3], [f64; 6]);
-
 #[rustfmt::skip]
-const IIWA7: [Row; 7] = [
-    (0.0, 0.34, 2.9670597283903604, 1.710422666954443, 176.0, 3.394011,
+const IIWA7: [ArmRow; 7] = [
+    ([0.0, 0.0, 0.0, 0.34], [-2.9670597283903604, 2.9670597283903604, 1.710422666954443, 176.0], 3.394011,
      [0.0, -0.034819, -0.069201], [0.021383, 0.020403, 0.007563, 0.0, 0.0, 0.003797]),
-    (-FRAC_PI_2, 0.0, 2.0943951023931953, 1.710422666954443, 176.0, 4.031991,
+    ([-FRAC_PI_2, 0.0, 0.0, 0.0], [-2.0943951023931953, 2.0943951023931953, 1.710422666954443, 176.0], 4.031991,
      [0.0, -0.086944, 0.029293], [0.031697, 0.009666, 0.03008, 0.0, 0.0, -0.005889]),
-    (FRAC_PI_2, 0.4, 2.9670597283903604, 1.7453292519943295, 110.0, 3.394011,
+    ([FRAC_PI_2, 0.0, 0.0, 0.4], [-2.9670597283903604, 2.9670597283903604, 1.7453292519943295, 110.0], 3.394011,
      [0.0, 0.034819, -0.069201], [0.021383, 0.020403, 0.007563, 0.0, 0.0, -0.003797]),
-    (FRAC_PI_2, 0.0, 2.0943951023931953, 2.2689280275926285, 110.0, 4.031989,
+    ([FRAC_PI_2, 0.0, 0.0, 0.0], [-2.0943951023931953, 2.0943951023931953, 2.2689280275926285, 110.0], 4.031989,
      [0.0, 0.086944, 0.029293], [0.031695, 0.009665, 0.030079, 0.0, 0.0, 0.005889]),
-    (-FRAC_PI_2, 0.4, 2.9670597283903604, 2.443460952792061, 110.0, 1.529239,
+    ([-FRAC_PI_2, 0.0, 0.0, 0.4], [-2.9670597283903604, 2.9670597283903604, 2.443460952792061, 110.0], 1.529239,
      [0.0, -0.029824, -0.116233], [0.008485, 0.007136, 0.003848, 0.0, 0.0, 0.002806]),
-    (-FRAC_PI_2, 0.0, 2.0943951023931953, core::f64::consts::PI, 40.0, 2.403626,
+    ([-FRAC_PI_2, 0.0, 0.0, 0.0], [-2.0943951023931953, 2.0943951023931953, core::f64::consts::PI, 40.0], 2.403626,
      [0.0, -0.00495, 0.00032], [0.007067, 0.004629, 0.006804, 0.0, 0.0, -0.000311]),
-    (FRAC_PI_2, 0.126, 3.0543261909900767, core::f64::consts::PI, 40.0, 0.259474,
+    ([FRAC_PI_2, 0.0, 0.0, 0.126], [-3.0543261909900767, 3.0543261909900767, core::f64::consts::PI, 40.0], 0.259474,
      [3e-06, -2e-06, -0.021218], [0.000171, 0.000171, 0.000299, 0.0, 0.0, 0.0]),
 ];
 
 /// KUKA LBR iiwa 7 R800.
 pub fn iiwa7() -> Robot {
-    let mut name = heapless::String::new();
-    let mut joints = heapless::Vec::new();
-    // Both fit: 5 letters of 32, 7 joints of 20.
-    let _ = name.push_str("iiwa7");
-    for (alpha, d, limit, velocity_rad_s, torque_nm, mass_kg, com_m, inertia_kg_m2) in IIWA7 {
-        let joint = Joint {
-            mdh: MdhRow {
-                alpha,
-                a: 0.0,
-                beta: 0.0,
-                theta: 0.0,
-                d,
-            },
-            link: Inertia {
-                mass_kg,
-                com_m,
-                inertia_kg_m2,
-            },
-            limits: JointLimits {
-                min_rad: -limit,
-                max_rad: limit,
-                velocity_rad_s,
-                torque_nm,
-            },
-            rotor_kg_m2: 0.0,
-        };
-        let _ = joints.push(joint);
-    }
-    Robot { name, joints }
+    robot("iiwa7", &IIWA7)
 }
 
 /// The built-in robot with a name of [`BUILT_IN`].
 pub fn built_in(name: &str) -> Option<Robot> {
     let rows: &[ArmRow] = match name {
-        "iiwa7" => return Some(iiwa7()),
+        "iiwa7" => &IIWA7,
         "iiwa14" => &arms::IIWA14,
         "panda" => &arms::PANDA,
         "fr3" => &arms::FR3,
@@ -88,6 +56,10 @@ pub fn built_in(name: &str) -> Option<Robot> {
         "irb120" => &arms::IRB120,
         _ => return None,
     };
+    Some(robot(name, rows))
+}
+
+fn robot(name: &str, rows: &[ArmRow]) -> Robot {
     let mut robot = Robot {
         name: heapless::String::new(),
         joints: heapless::Vec::new(),
@@ -117,7 +89,7 @@ pub fn built_in(name: &str) -> Option<Robot> {
             rotor_kg_m2: 0.0,
         });
     }
-    Some(robot)
+    robot
 }
 
 /// The calibration tool of the iiwa 7: 1.5 kg, with the nest eccentric from the

@@ -62,19 +62,12 @@ pub(super) fn begin(
             match std::fs::remove_file(&path) {
                 Ok(()) => removed.push(path),
                 Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
-                Err(error) => return Err(unwritten(&path, &error.to_string())),
+                Err(error) => return Err(ExportError::unwritten(&path)(error)),
             }
         }
     }
     let path = folder.join(FILE);
-    let text = serde_json::to_string_pretty(&about).map_err(|e| unwritten(&path, &e.to_string()))?;
-    write_file(&path, text + "\n").map_err(|e| unwritten(&path, &e.to_string()))?;
+    let text = serde_json::to_string_pretty(&about).map_err(ExportError::unwritten(&path))?;
+    write_file(&path, text + "\n").map_err(ExportError::unwritten(&path))?;
     Ok(removed)
-}
-
-fn unwritten(path: &Path, what: &str) -> ExportError {
-    ExportError::Write {
-        path: path.display().to_string(),
-        what: what.to_owned(),
-    }
 }

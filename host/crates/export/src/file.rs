@@ -40,19 +40,16 @@ impl TableFile {
             Format::Csv => "csv",
         };
         let path = folder.join(format!("{}.{extension}", table.name));
-        let failed = |what: String| ExportError::Write {
-            path: path.display().to_string(),
-            what,
-        };
         if format == Format::Parquet && cfg!(not(feature = "parquet")) {
             return Err(ExportError::NoParquet);
         }
-        let new = NewFile::create(&path).map_err(|e| failed(e.to_string()))?;
-        let file = new.handle().map_err(|e| failed(e.to_string()))?;
+        let new = NewFile::create(&path).map_err(ExportError::unwritten(&path))?;
+        let file = new.handle().map_err(ExportError::unwritten(&path))?;
         let writer = match format {
             #[cfg(feature = "parquet")]
             Format::Parquet => {
-                let writer = super::parquet_file::ParquetFile::new(file, table).map_err(|e| failed(e.to_string()))?;
+                let writer =
+                    super::parquet_file::ParquetFile::new(file, table).map_err(ExportError::unwritten(&path))?;
                 TableWriter::Parquet(writer)
             }
             #[cfg(not(feature = "parquet"))]
@@ -60,7 +57,7 @@ impl TableFile {
             Format::Csv => {
                 let mut writer = csv::Writer::from_writer(file);
                 let header = table.columns.iter().map(|(name, _)| name);
-                writer.write_record(header).map_err(|e| failed(e.to_string()))?;
+                writer.write_record(header).map_err(ExportError::unwritten(&path))?;
                 TableWriter::Csv(writer)
             }
         };
@@ -79,7 +76,7 @@ impl TableFile {
                 .try_for_each(|row| writer.write_record(table.columns.iter().map(|(_, c)| c.cell(row))))
                 .map_err(|e| e.to_string()),
         };
-        result.map_err(|what| self.failed(what))
+        result.map_err(ExportError::unwritten(&self.path))
     }
 
     /// Closes the file; returns its path.
@@ -92,21 +89,9 @@ impl TableFile {
             TableWriter::Parquet(writer) => writer.finish().map_err(|e| e.to_string()),
             TableWriter::Csv(writer) => writer.flush().map_err(|e| e.to_string()),
         };
-        result.map_err(|what| self.failed(what))?;
         let path = self.path;
-        match self.new.finish() {
-            Ok(()) => Ok(path),
-            Err(error) => Err(ExportError::Write {
-                path: path.display().to_string(),
-                what: error.to_string(),
-            }),
-        }
-    }
-
-    fn failed(&self, what: String) -> ExportError {
-        ExportError::Write {
-            path: self.path.display().to_string(),
-            what,
-        }
+        result.map_err(ExportError::unwritten(&path))?;
+        self.new.finish().map_err(ExportError::unwritten(&path))?;
+        Ok(path)
     }
 }

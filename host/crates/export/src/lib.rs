@@ -69,6 +69,16 @@ pub enum ExportError {
     },
 }
 
+impl ExportError {
+    /// The error of a file or folder that cannot be written.
+    fn unwritten<E: std::fmt::Display>(path: &Path) -> impl Fn(E) -> Self + Copy + '_ {
+        |error| Self::Write {
+            path: path.display().to_string(),
+            what: error.to_string(),
+        }
+    }
+}
+
 /// A telemetry file that ends in the middle of a record.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TornFile {
@@ -103,10 +113,7 @@ pub fn export(
     format: Format,
     folder: &Path,
 ) -> Result<Exported, ExportError> {
-    std::fs::create_dir_all(folder).map_err(|e| ExportError::Write {
-        path: folder.display().to_string(),
-        what: e.to_string(),
-    })?;
+    std::fs::create_dir_all(folder).map_err(ExportError::unwritten(folder))?;
     let tables = tables::of_run(store, info.run)?;
     let mut exported = Exported {
         removed: about::begin(folder, info, tables.iter().map(|table| table.name))?,

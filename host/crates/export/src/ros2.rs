@@ -118,15 +118,10 @@ impl BagWriter {
 /// When the telemetry cannot be read or has no sample, or when a file cannot be written.
 pub fn export_ros2(files: &[PathBuf], folder: &Path) -> Result<Exported, ExportError> {
     let paths = [folder.join(FILE), folder.join("metadata.yaml")];
-    let failed = |path: &Path, what: String| ExportError::Write {
-        path: path.display().to_string(),
-        what,
-    };
-    let in_bag = |what: String| failed(&paths[0], what);
-    std::fs::create_dir_all(folder).map_err(|e| failed(folder, e.to_string()))?;
-    let new = NewFile::create(&paths[0]).map_err(|e| in_bag(e.to_string()))?;
-    let in_file = |error: McapError| in_bag(error.to_string());
-    let mut bag = BagWriter::new(new.handle().map_err(|e| in_bag(e.to_string()))?).map_err(in_file)?;
+    std::fs::create_dir_all(folder).map_err(ExportError::unwritten(folder))?;
+    let new = NewFile::create(&paths[0]).map_err(ExportError::unwritten(&paths[0]))?;
+    let in_file = ExportError::unwritten::<McapError>(&paths[0]);
+    let mut bag = BagWriter::new(new.handle().map_err(ExportError::unwritten(&paths[0]))?).map_err(in_file)?;
     let mut torn_telemetry = Vec::new();
     for file in files {
         let unreadable = |what: String| ExportError::Telemetry {
@@ -152,9 +147,9 @@ pub fn export_ros2(files: &[PathBuf], folder: &Path) -> Result<Exported, ExportE
             what: "has no sample".to_owned(),
         });
     }
-    bag.writer.finish().map_err(|e| in_bag(e.to_string()))?;
-    new.finish().map_err(|e| in_bag(e.to_string()))?;
-    let in_metadata = |e: std::io::Error| failed(&paths[1], e.to_string());
+    bag.writer.finish().map_err(in_file)?;
+    new.finish().map_err(ExportError::unwritten(&paths[0]))?;
+    let in_metadata = ExportError::unwritten::<std::io::Error>(&paths[1]);
     let new = NewFile::create(&paths[1]).map_err(in_metadata)?;
     let mut handle = new.handle().map_err(in_metadata)?;
     handle.write_all(bag.metadata().as_bytes()).map_err(in_metadata)?;

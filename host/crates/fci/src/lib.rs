@@ -13,7 +13,8 @@
 //! # Conventions
 //! - SI units everywhere: rad, rad/s, N m, s, m, kg. A 4 x 4 pose is column-major, as the robot sends it.
 //! - The torque that a client commands (`tau_J_d`) is **without** gravity and without friction. The robot adds both.
-//! - The measured torque (`tau_J`) is the link-side torque sensor and **includes** gravity. See [`client::TorqueTraits`].
+//! - The measured torque (`tau_J`) is the link-side torque sensor and **includes** gravity. At rest it is the
+//!   torque that holds the arm, in the direction of positive joint motion.
 //! - Field names are those of the robot's maker (`O_T_EE`, `tau_J_d`), so that users find them.
 //!
 //! Nothing in this crate has been tried on a real robot. The official client libraries `panda-python` 1.1.1 (version 5)

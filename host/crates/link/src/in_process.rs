@@ -61,9 +61,6 @@ pub fn controller_in_process(joints: usize) -> Result<Box<dyn Controller>, LinkE
     match joints {
         6 => Ok(Box::new(InProcess::<6>::default())),
         7 => Ok(Box::new(InProcess::<7>::default())),
-        _ => Err(LinkError::Joints {
-            joints,
-            built: "6 and 7",
-        }),
+        _ => Err(LinkError::Joints { joints }),
     }
 }

@@ -32,6 +32,7 @@ impl JournalError {
 }
 
 /// Stores events before they are acknowledged.
+#[auto_impl::auto_impl(&mut, Box)]
 pub trait Journal: Send {
     /// Announces a handshake under this session number. Events of this session and of earlier
     /// sessions of the same run are stored. Events of other sessions belong to another run and are
@@ -39,7 +40,8 @@ pub trait Journal: Send {
     ///
     /// # Errors
     /// When the announcement could not be stored.
-    fn handshake(&mut self, _session: SessionId) -> Result<(), JournalError> {
+    fn handshake(&mut self, session: SessionId) -> Result<(), JournalError> {
+        let _ = session;
         Ok(())
     }
 
@@ -55,32 +57,4 @@ pub trait Journal: Send {
     /// # Errors
     /// When it could not be stored.
     fn reject(&mut self, sphere: u32, pose: u32, reason: &str) -> Result<(), JournalError>;
-}
-
-impl<J: Journal + ?Sized> Journal for &mut J {
-    fn handshake(&mut self, session: SessionId) -> Result<(), JournalError> {
-        (**self).handshake(session)
-    }
-
-    fn append(&mut self, events: &[Arrival]) -> Result<(), JournalError> {
-        (**self).append(events)
-    }
-
-    fn reject(&mut self, sphere: u32, pose: u32, reason: &str) -> Result<(), JournalError> {
-        (**self).reject(sphere, pose, reason)
-    }
-}
-
-impl<J: Journal + ?Sized> Journal for Box<J> {
-    fn handshake(&mut self, session: SessionId) -> Result<(), JournalError> {
-        (**self).handshake(session)
-    }
-
-    fn append(&mut self, events: &[Arrival]) -> Result<(), JournalError> {
-        (**self).append(events)
-    }
-
-    fn reject(&mut self, sphere: u32, pose: u32, reason: &str) -> Result<(), JournalError> {
-        (**self).reject(sphere, pose, reason)
-    }
 }

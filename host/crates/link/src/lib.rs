@@ -59,14 +59,12 @@ pub use state_reader::{DriveReader, FrankaReader, JointReading, KukaReader, Stat
 pub enum LinkError {
     /// No controller was built for that many joints.
     #[error(
-        "the robot has {joints} joints, but the controllers in this program are built for {built}; \
+        "the robot has {joints} joints, but the controllers in this program are built for 6 and 7; \
          use a robot with as many joints"
     )]
     Joints {
         /// Joints of the robot.
         joints: usize,
-        /// Numbers of joints for which a controller was built.
-        built: &'static str,
     },
     /// Drive and robot are not the same machine.
     #[error("the drive has {drive} joints, but the robot has {robot}: choose the robot that the drive link controls")]

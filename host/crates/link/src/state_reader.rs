@@ -40,6 +40,20 @@ pub struct JointReading {
     pub commanded: Option<String>,
 }
 
+impl JointReading {
+    /// Takes over angles (rad) and torques (N m), in the memory that it has.
+    fn set(&mut self, q: &[f64], tau: &[f64], unsigned_tau: &[f64]) {
+        for (own, values) in [
+            (&mut self.q, q),
+            (&mut self.tau, tau),
+            (&mut self.unsigned_tau, unsigned_tau),
+        ] {
+            own.clear();
+            own.extend_from_slice(values);
+        }
+    }
+}
+
 /// Reads joints and never moves them.
 pub trait StateReader: Send {
     /// Joints of the arm.
@@ -100,11 +114,7 @@ impl StateReader for FrankaReader {
         let id = self.state.message_id;
         let first = *self.first.get_or_insert(id);
         reading.time_s = id.saturating_sub(first) as f64 * spherecal_fci::PERIOD_S;
-        reading.q.clear();
-        reading.q.extend_from_slice(&self.state.q);
-        reading.tau.clear();
-        reading.tau.extend_from_slice(&self.state.tau_J);
-        reading.unsigned_tau.clear();
+        reading.set(&self.state.q, &self.state.tau_J, &[]);
         reading.commanded =
             (self.state.robot_mode == RobotMode::Move).then(|| format!("the robot's mode is \"{}\"", RobotMode::Move));
         Ok(())
@@ -148,18 +158,15 @@ impl StateReader for KukaReader {
 
     fn read(&mut self, reading: &mut JointReading) -> Result<(), LinkError> {
         self.observer.receive(&mut self.state).map_err(LinkError::device)?;
-        let first = *self.first.get_or_insert(self.state.sequence);
-        let messages = self.state.sequence.wrapping_sub(first);
+        let first = *self.first.get_or_insert(self.state.message.sequence);
+        let messages = self.state.message.sequence.wrapping_sub(first);
         reading.time_s = f64::from(messages) * self.state.period_s();
-        reading.q.clear();
-        reading.q.extend_from_slice(&self.state.q);
-        reading.tau.clear();
-        reading.unsigned_tau.clear();
-        reading.unsigned_tau.extend_from_slice(&self.state.measured_torque);
+        let message = &self.state.message;
+        reading.set(&message.measured_position, &[], &message.measured_torque);
         reading.commanded = self
             .state
             .is_commanding()
-            .then(|| format!("the cabinet's session is in {}", self.state.session));
+            .then(|| format!("the cabinet's session is in {}", self.state.message.connection.session));
         Ok(())
     }
 }
@@ -225,15 +232,12 @@ impl StateReader for DriveReader {
         let first = *self.first.get_or_insert(self.state.tick);
         let periods = self.state.tick.saturating_sub(first) as f64;
         reading.time_s = periods * f64::from(self.drive.hello().period_us) * 1e-6;
-        reading.q.clear();
-        reading.q.extend_from_slice(&self.state.q);
+        reading.set(&self.state.q, &self.state.tau, &[]);
         let sign = match self.drive.hello().torque_sign {
             TorqueSign::OfActuator => 1.0,
             TorqueSign::OfLink => -1.0,
         };
-        reading.tau.clear();
-        reading.tau.extend(self.state.tau.iter().map(|tau| sign * tau));
-        reading.unsigned_tau.clear();
+        reading.tau.iter_mut().for_each(|tau| *tau *= sign);
         reading.commanded = None;
         Ok(())
     }

@@ -68,13 +68,7 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
         comparison,
         error_tables: judged::tables(evaluation),
         errors: judged.map(judged::series).unwrap_or_default(),
-        errors_axis: String::new(),
         workspace: judged.map(judged::workspace).unwrap_or_default(),
-        contacts: Vec::new(),
-        contact_threshold_n: 0.0,
-        triggers: Vec::new(),
-        stillness: Vec::new(),
-        stillness_tables: Vec::new(),
         parameters: parameter_rows(calibration),
         identifiability: identifiability_words(calibration),
         residuals,
@@ -86,10 +80,9 @@ pub fn study_report(study: &Study, created: &str) -> ReportInput {
             .into_iter()
             .chain(targets_table(study))
             .collect(),
-        health_tables: Vec::new(),
         notes,
         provenance: provenance(study, created),
-        configuration: Vec::new(),
+        ..ReportInput::default()
     }
 }
 

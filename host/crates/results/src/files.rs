@@ -28,10 +28,7 @@ impl Files {
     /// When it cannot be written.
     pub fn put(&mut self, folder: &Path, name: &str, text: &str) -> Result<(), WriteError> {
         let path = folder.join(name);
-        write_file(&path, text).map_err(|source| WriteError {
-            path: path.display().to_string(),
-            source,
-        })?;
+        write_file(&path, text).map_err(WriteError::of(&path))?;
         self.paths.push(path);
         Ok(())
     }
@@ -60,10 +57,7 @@ pub struct Results<'a> {
 /// # Errors
 /// A folder or file that cannot be written.
 pub fn write_results(folder: &Path, results: &Results<'_>) -> Result<Files, WriteError> {
-    std::fs::create_dir_all(folder).map_err(|source| WriteError {
-        path: folder.display().to_string(),
-        source,
-    })?;
+    std::fs::create_dir_all(folder).map_err(WriteError::of(folder))?;
     let texts = calibrated_texts(results);
     let mut files = Files {
         moved: keep_other_robots(folder, results.summary)?,
@@ -80,12 +74,7 @@ pub fn write_results(folder: &Path, results: &Results<'_>) -> Result<Files, Writ
             // One of an earlier run would be taken for this result.
             let path = folder.join(name);
             match std::fs::remove_file(&path) {
-                Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
-                    return Err(WriteError {
-                        path: path.display().to_string(),
-                        source,
-                    });
-                }
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(WriteError::of(&path)(error)),
                 _ => {}
             }
         }

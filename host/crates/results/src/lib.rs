@@ -31,3 +31,12 @@ pub struct WriteError {
     /// What the system said.
     pub source: std::io::Error,
 }
+
+impl WriteError {
+    fn of(path: &std::path::Path) -> impl Fn(std::io::Error) -> Self + Copy + '_ {
+        |source| Self {
+            path: path.display().to_string(),
+            source,
+        }
+    }
+}

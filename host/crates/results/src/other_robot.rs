@@ -107,7 +107,7 @@ pub(super) fn keep_other_robots(folder: &Path, summary: &Value) -> Result<Option
     let to = free_folder(folder, &name)?;
     for file in there {
         let path = folder.join(file);
-        std::fs::rename(&path, to.join(file)).map_err(|source| unwritten(&path, source))?;
+        std::fs::rename(&path, to.join(file)).map_err(WriteError::of(&path))?;
     }
     let whose = before.map_or_else(|| "a robot that they do not name".to_owned(), |w| w.words());
     Ok(Some(format!(
@@ -128,15 +128,8 @@ fn free_folder(folder: &Path, name: &str) -> Result<PathBuf, WriteError> {
         match std::fs::create_dir(&path) {
             Ok(()) => return Ok(path),
             Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists && k < 10_000 => k += 1,
-            Err(source) => return Err(unwritten(&path, source)),
+            Err(error) => return Err(WriteError::of(&path)(error)),
         }
-    }
-}
-
-fn unwritten(path: &Path, source: std::io::Error) -> WriteError {
-    WriteError {
-        path: path.display().to_string(),
-        source,
     }
 }
 

@@ -115,13 +115,7 @@ pub fn hand_guided_arm(
     let drive = match robot.dof() {
         6 => build::<6>(robot, tool, config, q, height_m, call.clone())?,
         7 => build::<7>(robot, tool, config, q, height_m, call.clone())?,
-        joints => {
-            return Err(LinkError::Joints {
-                joints,
-                built: "6 and 7",
-            }
-            .into());
-        }
+        joints => return Err(LinkError::Joints { joints }.into()),
     };
     Ok((drive, call))
 }

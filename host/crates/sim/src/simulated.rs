@@ -135,11 +135,7 @@ pub fn simulated_arm(
     match robot.dof() {
         6 => build::<6>(robot, tool, config, q),
         7 => build::<7>(robot, tool, config, q),
-        joints => Err(LinkError::Joints {
-            joints,
-            built: "6 and 7",
-        }
-        .into()),
+        joints => Err(LinkError::Joints { joints }.into()),
     }
 }
 

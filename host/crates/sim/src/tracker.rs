@@ -38,11 +38,7 @@ impl SimulatedTracker {
         match robot.dof() {
             6 => made::<6>(robot, tool, config),
             7 => made::<7>(robot, tool, config),
-            joints => Err(LinkError::Joints {
-                joints,
-                built: "6 and 7",
-            }
-            .into()),
+            joints => Err(LinkError::Joints { joints }.into()),
         }
     }
 

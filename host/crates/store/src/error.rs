@@ -173,6 +173,14 @@ fn of_damage(path: &str) -> String {
 }
 
 impl StoreError {
+    /// The error of a file that cannot be read or written.
+    pub(crate) fn io(path: &Path) -> impl Fn(std::io::Error) -> Self + Copy + '_ {
+        |source| Self::Io {
+            path: path.to_owned(),
+            source,
+        }
+    }
+
     /// Sorts the database's error by the action that it needs.
     pub(super) fn of(path: &Path, source: sqlx::Error) -> Self {
         let path = path.to_owned();

@@ -26,7 +26,7 @@ pub struct Placed<'a> {
 
 /// How an event that is stored already is treated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum KnownEvent {
+pub(super) enum KnownEvent {
     /// It stays as it is.
     Stays,
     /// It is replaced.
@@ -34,23 +34,13 @@ enum KnownEvent {
 }
 
 impl SqlStore {
-    /// Writes a batch of events in one transaction. A recording that is already stored is not
-    /// written again.
-    ///
-    /// Measurements (recordings, contacts, couplings, faults) are on the disk when the call
-    /// returns. Phase changes alone survive a kill of the program; they reach the disk with the
-    /// next such commit and are not waited for.
-    pub(super) fn append(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
-        self.write_events(run, events, KnownEvent::Stays)
-    }
-
-    /// Like [`append`](Self::append), but stored events with the same numbers are replaced. A recording keeps
-    /// its values and gets the place of its repetition. For a run that is repeated from its start.
-    pub(super) fn rewrite(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
-        self.write_events(run, events, KnownEvent::IsReplaced)
-    }
-
-    fn write_events(&mut self, run: i64, events: &[Placed<'_>], known: KnownEvent) -> Result<(), StoreError> {
+    /// Writes a batch of events in one transaction.
+    pub(super) fn write_events(
+        &mut self,
+        run: i64,
+        events: &[Placed<'_>],
+        known: KnownEvent,
+    ) -> Result<(), StoreError> {
         let measured = events.iter().any(|placed| {
             matches!(
                 placed.body,

@@ -50,10 +50,7 @@ pub(super) async fn make(path: &Path) -> Result<(), StoreError> {
     let mut name = path.as_os_str().to_owned();
     name.push(format!(".new-{}", std::process::id()));
     let draft = std::path::PathBuf::from(name);
-    let io = |source| StoreError::Io {
-        path: draft.clone(),
-        source,
-    };
+    let io = StoreError::io(&draft);
     if draft.exists() {
         std::fs::remove_file(&draft).map_err(io)?;
     }

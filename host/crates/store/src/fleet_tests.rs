@@ -8,7 +8,7 @@ use super::history::{self, FINGERPRINT, Fingerprint, HEADLINE};
 use super::seal::{SealedValue, of_row};
 use super::statement::rows;
 use super::tests::new_run;
-use super::{RunInfo, SqlStore, StoreError};
+use super::{CalibrationStore as _, RunInfo, SqlStore, StoreError};
 
 const RUNS: i64 = 10_000;
 const ARMS: i64 = 100;

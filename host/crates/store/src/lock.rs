@@ -27,10 +27,7 @@ impl SqlStore {
         let file = std::fs::canonicalize(path)
             .unwrap_or_else(|_| path.to_owned())
             .with_extension("lock");
-        let io = |source| StoreError::Io {
-            path: file.clone(),
-            source,
-        };
+        let io = StoreError::io(&file);
         if let Some(folder) = file.parent().filter(|f| !f.as_os_str().is_empty()) {
             std::fs::create_dir_all(folder).map_err(io)?;
         }

@@ -190,10 +190,7 @@ fn frames_of(bytes: &[u8], little: bool) -> (usize, Vec<Frame>) {
 /// A power cut may tear the last transaction, of which nothing was acknowledged. Such a log is accepted.
 pub(super) fn refuse_damaged(database: &Path) -> Result<(), StoreError> {
     let path = log_of(database);
-    let io = |source| StoreError::Io {
-        path: path.clone(),
-        source,
-    };
+    let io = StoreError::io(&path);
     let mut earlier: Option<Vec<u8>> = None;
     // Another program may be writing while the log is read. Damage stays.
     loop {

@@ -25,18 +25,12 @@ pub(super) fn runtime(path: &Path) -> Result<Runtime, StoreError> {
     tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
-        .map_err(|source| StoreError::Io {
-            path: path.to_owned(),
-            source,
-        })
+        .map_err(StoreError::io(path))
 }
 
 /// A path as the driver's URL has it.
 pub(super) fn url_of(path: &Path) -> Result<String, StoreError> {
-    let io = |source| StoreError::Io {
-        path: path.to_owned(),
-        source,
-    };
+    let io = StoreError::io(path);
     let whole = std::path::absolute(path).map_err(io)?;
     let text = whole
         .to_str()
@@ -138,10 +132,7 @@ impl SqlStore {
     /// The file is not a database of spherecal, has a newer version, is damaged or is not writable.
     pub fn create_or_open(path: &Path) -> Result<Self, StoreError> {
         if let Some(folder) = path.parent().filter(|f| !f.as_os_str().is_empty()) {
-            std::fs::create_dir_all(folder).map_err(|source| StoreError::Io {
-                path: folder.to_owned(),
-                source,
-            })?;
+            std::fs::create_dir_all(folder).map_err(StoreError::io(folder))?;
         }
         Self::connect(path, true)
     }
@@ -158,10 +149,7 @@ impl SqlStore {
     }
 
     fn connect(path: &Path, create: bool) -> Result<Self, StoreError> {
-        let io = |source| StoreError::Io {
-            path: path.to_owned(),
-            source,
-        };
+        let io = StoreError::io(path);
         sqlx::any::install_default_drivers();
         let runtime = runtime(path)?;
         let url = url_of(path)?;

@@ -2,7 +2,7 @@
 
 use super::history::{self, FINGERPRINT, Fingerprint};
 use super::tests::new_run;
-use super::{NewRun, RunInfo, SqlStore};
+use super::{CalibrationStore as _, NewRun, RunInfo, SqlStore};
 
 // Fails if the past of a file takes more statements when there are more calibrations, if a run that is no calibration is
 // among them, or if a result that was changed or lost behind the store's back is believed or passed over.

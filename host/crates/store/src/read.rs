@@ -198,16 +198,4 @@ impl SqlStore {
             })
             .collect()
     }
-
-    /// A named result, as JSON.
-    pub(super) fn result(&mut self, run: i64, name: &str) -> Result<Option<String>, StoreError> {
-        self.require_result(run, name)?;
-        self.block(async |connection| {
-            sqlx::query_scalar("SELECT json FROM results WHERE run = $1 AND name = $2")
-                .bind(run)
-                .bind(name)
-                .fetch_optional(connection)
-                .await
-        })
-    }
 }

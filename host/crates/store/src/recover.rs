@@ -201,16 +201,10 @@ impl Workshop {
             salvaged: 0,
         };
         std::fs::create_dir_all(&this.folder).map_err(|source| this.io(source))?;
-        let (log, of_file) = (log_of(damaged), |source| StoreError::Io {
-            path: damaged.to_owned(),
-            source,
-        });
+        let (log, of_file) = (log_of(damaged), StoreError::io(damaged));
         std::fs::copy(damaged, &this.copy).map_err(of_file)?;
         if log.is_file() {
-            let of_log = |source| StoreError::Io {
-                path: log.clone(),
-                source,
-            };
+            let of_log = StoreError::io(&log);
             std::fs::copy(&log, log_of(&this.copy)).map_err(of_log)?;
             if let Some(frames) = Log::read(&log).map_err(of_log)?
                 && frames.salvageable() > 0
@@ -232,10 +226,7 @@ impl Workshop {
     }
 
     fn io(&self, source: std::io::Error) -> StoreError {
-        StoreError::Io {
-            path: self.folder.clone(),
-            source,
-        }
+        StoreError::io(&self.folder)(source)
     }
 }
 
@@ -249,13 +240,8 @@ impl Drop for Workshop {
 
 /// Removes recordings that differ from what was written, or that lack joints.
 fn leave_out(target: &mut SqlStore, seals: &Seals) -> Result<Vec<(i64, i64, i64)>, StoreError> {
-    let runs: Vec<i64> = target.block(async |connection| {
-        sqlx::query_scalar("SELECT run FROM runs ORDER BY run")
-            .fetch_all(connection)
-            .await
-    })?;
     let mut left_out = Vec::new();
-    for run in runs {
+    for run in target.run_numbers()? {
         // The largest number of joints of any recording of the run. A recording with fewer has lost
         // some.
         let recordings = target.unchecked_recordings(run)?;

@@ -49,15 +49,6 @@ impl RunInfo {
 }
 
 impl SqlStore {
-    /// The newest calibration.
-    pub(super) fn newest_run(&mut self) -> Result<Option<RunInfo>, StoreError> {
-        let rows = self.rows(
-            "SELECT * FROM runs WHERE run = (SELECT MAX(run) FROM runs WHERE state <> 'commissioned') AND $1 = $1",
-            0,
-        )?;
-        rows.first().map(|row| self.run_info(row)).transpose()
-    }
-
     /// The runs of one arm, or of all if `arm` is empty; oldest first.
     pub(super) fn runs_of(&mut self, arm: &str) -> Result<Vec<RunInfo>, StoreError> {
         let rows = self.block(async |connection| {
@@ -96,7 +87,7 @@ impl SqlStore {
         Ok(digest::of_run(seed, texts, &spheres))
     }
 
-    fn run_info(&mut self, row: &AnyRow) -> Result<RunInfo, StoreError> {
+    pub(super) fn run_info(&mut self, row: &AnyRow) -> Result<RunInfo, StoreError> {
         let run: i64 = self.get(row, "run")?;
         let seed = self.get::<i64>(row, "seed")? as u64;
         let digest = self.digest_of_settings(row)?;

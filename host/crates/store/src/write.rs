@@ -1,15 +1,12 @@
-//! Writes runs, sessions, laser shots and results. [Events](super::events) are written elsewhere.
+//! Writes runs, and runs each piece of database work to its end.
 
 use sqlx::{AnyConnection, AssertSqlSafe, Connection as _, Row as _};
 
 use super::digest;
-use super::seal::{GREETINGS, Key, LASER, POSES, RESULTS, RUNS, SESSIONS, forget_removed, seal};
-use super::spares::seal_settings;
-use super::statement::{put_digest, rows};
-use spherecal_model::LaserShot;
-
 use super::file::PATIENCE;
 use super::lock::identity;
+use super::spares::seal_settings;
+use super::statement::{put_digest, rows};
 use super::{DatabaseKind, NewRun, SqlStore, StoreError};
 
 /// What is known of a session at its end, or so far.
@@ -127,87 +124,6 @@ impl SqlStore {
         Ok(run)
     }
 
-    /// Begins a session of a run; returns its number.
-    pub(super) fn begin_session(&mut self, run: i64, started_utc: &str) -> Result<i64, StoreError> {
-        self.write(async |t| {
-            let session: i64 = sqlx::query_scalar("SELECT COALESCE(MAX(session), 0) + 1 FROM sessions WHERE run = $1")
-                .bind(run)
-                .fetch_one(&mut *t)
-                .await?;
-            sqlx::query(
-                "INSERT INTO sessions (run, session, started_utc, firmware, simulated_us, ticks, wall_s, link_json, \
-                 telemetry_json) VALUES ($1, $2, $3, '', 0, 0, 0.0, '{}', '{}')",
-            )
-            .bind(run)
-            .bind(session)
-            .bind(started_utc)
-            .execute(&mut *t)
-            .await?;
-            seal(t, &SESSIONS, run, &[Key::Whole(session)]).await?;
-            Ok(session)
-        })
-    }
-
-    /// Notes how a session went.
-    pub(super) fn end_session(&mut self, run: i64, session: i64, end: &SessionEnd) -> Result<(), StoreError> {
-        self.write(async |t| {
-            sqlx::query(
-                "UPDATE sessions SET simulated_us = $3, ticks = $4, wall_s = $5, link_json = $6, telemetry_json = $7, \
-                 firmware = $8 WHERE run = $1 AND session = $2",
-            )
-            .bind(run)
-            .bind(session)
-            .bind(end.simulated_us as i64)
-            .bind(end.ticks as i64)
-            .bind(end.wall_s)
-            .bind(&end.link_json)
-            .bind(&end.telemetry_json)
-            .bind(&end.firmware)
-            .execute(&mut *t)
-            .await?;
-            seal(t, &SESSIONS, run, &[Key::Whole(session)]).await
-        })
-    }
-
-    /// Sets the state of a run: `running`, `measured`, `complete`.
-    pub(super) fn set_state(&mut self, run: i64, state: &str) -> Result<(), StoreError> {
-        // A damaged row must not get a digest that vouches for it.
-        self.snapshot(|store| store.require_sound(run, &[RUNS]))?;
-        self.write(async |t| {
-            sqlx::query("UPDATE runs SET state = $2 WHERE run = $1")
-                .bind(run)
-                .bind(state)
-                .execute(&mut *t)
-                .await?;
-            seal(t, &RUNS, run, &[]).await
-        })
-    }
-
-    /// Stores the `nonce` under which a session performs handshake number `handshake` with the
-    /// controller.
-    pub(super) fn put_handshake(
-        &mut self,
-        run: i64,
-        session: i64,
-        handshake: i64,
-        nonce: u32,
-    ) -> Result<(), StoreError> {
-        self.set_durable(true)?;
-        self.write(async |t| {
-            sqlx::query(
-                "INSERT INTO greetings (run, session, greeting, nonce) VALUES ($1, $2, $3, $4) \
-                 ON CONFLICT (run, session, greeting) DO UPDATE SET nonce = excluded.nonce",
-            )
-            .bind(run)
-            .bind(session)
-            .bind(handshake)
-            .bind(i64::from(nonce))
-            .execute(&mut *t)
-            .await?;
-            seal(t, &GREETINGS, run, &[Key::Whole(session), Key::Whole(handshake)]).await
-        })
-    }
-
     /// Whether the next commits wait for the disk.
     pub(super) fn set_durable(&mut self, durable: bool) -> Result<(), StoreError> {
         if self.durable != durable {
@@ -221,67 +137,6 @@ impl SqlStore {
             self.durable = durable;
         }
         Ok(())
-    }
-
-    /// Marks a pose as given up, with the reason.
-    pub(super) fn reject_pose(&mut self, run: i64, sphere: u32, pose: u32, reason: &str) -> Result<(), StoreError> {
-        self.write(async |t| {
-            sqlx::query("UPDATE poses SET rejected = $4 WHERE run = $1 AND sphere = $2 AND pose = $3")
-                .bind(run)
-                .bind(i64::from(sphere))
-                .bind(i64::from(pose))
-                .bind(reason)
-                .execute(&mut *t)
-                .await?;
-            seal(t, &POSES, run, &[Key::Whole(sphere.into()), Key::Whole(pose.into())]).await
-        })
-    }
-
-    /// Writes laser shots. They replace the stored ones of the same purposes.
-    pub(super) fn put_laser(&mut self, run: i64, shots: &[LaserShot]) -> Result<(), StoreError> {
-        let digest = digest::of_laser(shots);
-        self.write(async |t| {
-            sqlx::query("DELETE FROM laser_shots WHERE run = $1")
-                .bind(run)
-                .execute(&mut *t)
-                .await?;
-            for (chunk, at) in shots.chunks(500).zip((0i64..).step_by(500)) {
-                let statement = rows(
-                    "INSERT INTO laser_shots (run, purpose, position, q_json, x_m, y_m, z_m)",
-                    chunk.len(),
-                    7,
-                );
-                let mut insert = sqlx::query(AssertSqlSafe(statement));
-                for (shot, position) in chunk.iter().zip(at..) {
-                    // A vector of floats always encodes.
-                    let q = serde_json::to_string(&shot.q).unwrap_or_default();
-                    insert = insert.bind(run).bind(&shot.purpose).bind(position).bind(q);
-                    for value in shot.point_m {
-                        insert = insert.bind(value);
-                    }
-                }
-                insert.execute(&mut *t).await?;
-            }
-            put_digest(&mut *t, run, "laser", digest).await?;
-            seal(t, &LASER, run, &[]).await?;
-            forget_removed(t, &LASER, run).await
-        })
-    }
-
-    /// Writes a named result, as JSON. It replaces a result of the same name.
-    pub(super) fn put_result(&mut self, run: i64, name: &str, json: &str) -> Result<(), StoreError> {
-        self.write(async |t| {
-            sqlx::query(
-                "INSERT INTO results (run, name, json) VALUES ($1, $2, $3) \
-                 ON CONFLICT (run, name) DO UPDATE SET json = excluded.json",
-            )
-            .bind(run)
-            .bind(name)
-            .bind(json)
-            .execute(&mut *t)
-            .await?;
-            seal(t, &RESULTS, run, &[Key::Text(name)]).await
-        })
     }
 
     /// Runs one piece of database work to its end.

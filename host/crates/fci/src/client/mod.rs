@@ -35,25 +35,3 @@ pub use limits::TorqueLimits;
 pub use link::LinkStatistics;
 pub use motion::{Client, Cycle};
 pub use read_only::{ReadOnlyClient, Reading};
-
-/// How the torques of an interface relate to the arm. What a drive must know before it uses them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TorqueTraits {
-    /// The robot adds gravity (of arm, end effector and load) to the commanded torque.
-    pub compensates_gravity: bool,
-    /// The robot compensates the friction of its joints.
-    pub compensates_friction: bool,
-    /// The measured torque includes gravity.
-    pub measures_gravity: bool,
-    /// At rest the measured torque equals `+gravity(q)`: the torque that holds the arm, in the direction of positive
-    /// joint motion.
-    pub measured_sign_positive: bool,
-}
-
-/// The torques of this interface, as the maker documents them.
-pub const TORQUE_TRAITS: TorqueTraits = TorqueTraits {
-    compensates_gravity: true,
-    compensates_friction: true,
-    measures_gravity: true,
-    measured_sign_positive: true,
-};

@@ -1,4 +1,4 @@
-//! What the robot side moves: the arm behind a small trait, and two simple arms for tests.
+//! What the robot side moves: the arm behind a small trait, and a simple arm for tests.
 
 use crate::wire::FlangeLoad;
 use crate::{JOINTS, PERIOD_S};
@@ -44,37 +44,6 @@ pub trait ArmHardware: Send {
 
     /// The client declares another load. An arm without a model of gravity may ignore it.
     fn set_load(&mut self, _load: &FlangeLoad) {}
-}
-
-/// An arm that never moves. It measures the torques that would hold it.
-#[derive(Clone, Debug)]
-pub struct RigidArm {
-    state: ArmState,
-}
-
-impl RigidArm {
-    /// An arm that stands at `q`, rad.
-    pub fn new(q: [f64; JOINTS]) -> Self {
-        Self {
-            state: ArmState {
-                q,
-                dq: [0.0; JOINTS],
-                tau: [0.0; JOINTS],
-                tau_external: [0.0; JOINTS],
-                wrench_external: [0.0; 6],
-            },
-        }
-    }
-}
-
-impl ArmHardware for RigidArm {
-    fn state(&self) -> ArmState {
-        self.state
-    }
-
-    fn step(&mut self, _command: ArmCommand) -> ArmState {
-        self.state
-    }
 }
 
 /// Seven independent joints with inertia, viscous friction and a load by gravity.

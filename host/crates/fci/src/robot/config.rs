@@ -18,8 +18,6 @@ pub struct Tolerance {
     pub missing_in_row: u32,
     /// The success rate below which a motion ends, once 100 commands are due.
     pub success_rate: f64,
-    /// Periods that a client has for its first command of a motion.
-    pub first_command: u32,
 }
 
 impl Tolerance {
@@ -29,7 +27,6 @@ impl Tolerance {
             patience: Duration::ZERO,
             missing_in_row: 20,
             success_rate: 0.8,
-            first_command: 100,
         }
     }
 
@@ -56,8 +53,6 @@ pub struct RobotConfig {
     pub tolerance: Tolerance,
     /// The robot model that `GetRobotModel` answers; `None`: the nominal FR3.
     pub model: Option<String>,
-    /// Mass of the end effector as set in Desk, kg.
-    pub end_effector_mass: f64,
     /// How long an error recovery takes, periods.
     pub recovery: u32,
 }
@@ -71,7 +66,6 @@ impl RobotConfig {
             address: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), TCP_PORT),
             tolerance: Tolerance::strict(),
             model: None,
-            end_effector_mass: 0.0,
             recovery: 100,
         }
     }

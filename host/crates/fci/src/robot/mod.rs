@@ -44,7 +44,7 @@ mod server;
 mod session;
 mod supervisor;
 
-pub use arm::{ArmCommand, ArmHardware, ArmState, JointArm, RigidArm};
+pub use arm::{ArmCommand, ArmHardware, ArmState, JointArm};
 pub use config::{READY, RobotConfig, Tolerance};
 pub use limits::ArmLimits;
 pub use model::ModelError;

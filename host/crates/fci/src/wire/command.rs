@@ -42,65 +42,34 @@ pub enum CommandKind {
     GetRobotModel,
 }
 
-use CommandKind as C;
-
-/// The commands of a version in the order of their numbers.
-const V5: &[CommandKind] = &[
-    C::Connect,
-    C::Move,
-    C::StopMove,
-    C::GetCartesianLimit,
-    C::SetCollisionBehavior,
-    C::SetJointImpedance,
-    C::SetCartesianImpedance,
-    C::SetGuidingMode,
-    C::SetEeToK,
-    C::SetNeToEe,
-    C::SetLoad,
-    C::SetFilters,
-    C::AutomaticErrorRecovery,
-    C::LoadModelLibrary,
-];
-const V8: &[CommandKind] = &[
-    C::Connect,
-    C::Move,
-    C::StopMove,
-    C::SetCollisionBehavior,
-    C::SetJointImpedance,
-    C::SetCartesianImpedance,
-    C::SetGuidingMode,
-    C::SetEeToK,
-    C::SetNeToEe,
-    C::SetLoad,
-    C::AutomaticErrorRecovery,
-    C::LoadModelLibrary,
-    C::GetRobotModel,
-];
-const V10: &[CommandKind] = &[
-    C::Connect,
-    C::Move,
-    C::StopMove,
-    C::SetCollisionBehavior,
-    C::SetJointImpedance,
-    C::SetCartesianImpedance,
-    C::SetGuidingMode,
-    C::SetEeToK,
-    C::SetNeToEe,
-    C::SetLoad,
-    C::AutomaticErrorRecovery,
-    C::GetRobotModel,
-];
-
 impl CommandKind {
+    /// All commands. Those of a version keep this order, and are numbered from 0.
+    const ALL: [Self; 15] = [
+        Self::Connect,
+        Self::Move,
+        Self::StopMove,
+        Self::GetCartesianLimit,
+        Self::SetCollisionBehavior,
+        Self::SetJointImpedance,
+        Self::SetCartesianImpedance,
+        Self::SetGuidingMode,
+        Self::SetEeToK,
+        Self::SetNeToEe,
+        Self::SetLoad,
+        Self::SetFilters,
+        Self::AutomaticErrorRecovery,
+        Self::LoadModelLibrary,
+        Self::GetRobotModel,
+    ];
+
     /// The commands of this version, in the order of their numbers.
-    pub fn all(version: Version) -> &'static [Self] {
-        match version {
-            Version::V4 | Version::V5 => V5,
-            // Without `GetRobotModel`.
-            Version::V6 | Version::V7 => &V8[..12],
-            Version::V8 | Version::V9 => V8,
-            Version::V10 => V10,
-        }
+    pub fn all(version: Version) -> impl Iterator<Item = Self> {
+        Self::ALL.into_iter().filter(move |command| match command {
+            Self::GetCartesianLimit | Self::SetFilters => version.is_panda(),
+            Self::LoadModelLibrary => version < Version::V10,
+            Self::GetRobotModel => version >= Version::V8,
+            _ => true,
+        })
     }
 
     /// The command's number in this version.
@@ -108,7 +77,7 @@ impl CommandKind {
     /// # Errors
     /// [`WireError::NotInVersion`] if the version does not have it.
     pub fn number(self, version: Version) -> Result<u32, WireError> {
-        let place = Self::all(version).iter().position(|c| *c == self);
+        let place = Self::all(version).position(|command| command == self);
         place.map(|p| p as u32).ok_or(WireError::NotInVersion {
             command: self.name(),
             version,
@@ -120,8 +89,8 @@ impl CommandKind {
     /// # Errors
     /// [`WireError::UnknownCommand`] for a number without meaning.
     pub fn from_number(number: u32, version: Version) -> Result<Self, WireError> {
-        let command = usize::try_from(number).ok().and_then(|n| Self::all(version).get(n));
-        command.copied().ok_or(WireError::UnknownCommand { number, version })
+        let command = usize::try_from(number).ok().and_then(|n| Self::all(version).nth(n));
+        command.ok_or(WireError::UnknownCommand { number, version })
     }
 
     /// The maker's name of the command.

@@ -15,11 +15,6 @@ macro_rules! errors {
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$variant => $name,)+ }
             }
-
-            /// What the error means, in a sentence.
-            pub const fn meaning(self) -> &'static str {
-                match self { $(Self::$variant => $doc,)+ }
-            }
         }
     };
 }

@@ -42,22 +42,9 @@ use Status as S;
 
 impl Status {
     /// The statuses that a response to this command can have, in the order of their numbers.
-    pub fn all(command: CommandKind, version: Version) -> &'static [Self] {
-        let panda = version.is_panda();
-        match command {
+    pub fn all(command: CommandKind, version: Version) -> impl Iterator<Item = Self> {
+        let all: &[Self] = match command {
             CommandKind::Connect => &[S::Success, S::IncompatibleVersion],
-            CommandKind::Move if panda => &[
-                S::Success,
-                S::MotionStarted,
-                S::Preempted,
-                S::NotPossible,
-                S::StartAtSingularPose,
-                S::InvalidArgument,
-                S::ReflexAborted,
-                S::EmergencyAborted,
-                S::InputErrorAborted,
-                S::Aborted,
-            ],
             CommandKind::Move => &[
                 S::Success,
                 S::MotionStarted,
@@ -72,27 +59,12 @@ impl Status {
                 S::InputErrorAborted,
                 S::Aborted,
             ],
-            CommandKind::StopMove if panda => &[
-                S::Success,
-                S::NotPossible,
-                S::EmergencyAborted,
-                S::ReflexAborted,
-                S::Aborted,
-            ],
             CommandKind::StopMove => &[
                 S::Success,
                 S::NotPossible,
                 S::RejectedBySafetyFunction,
                 S::EmergencyAborted,
                 S::ReflexAborted,
-                S::Aborted,
-            ],
-            CommandKind::AutomaticErrorRecovery if panda => &[
-                S::Success,
-                S::NotPossible,
-                S::ManualRecoveryRequired,
-                S::ReflexAborted,
-                S::EmergencyAborted,
                 S::Aborted,
             ],
             CommandKind::AutomaticErrorRecovery => &[
@@ -106,14 +78,17 @@ impl Status {
             ],
             CommandKind::LoadModelLibrary => &[S::Success, S::Failed],
             CommandKind::GetRobotModel => &[S::Success, S::NotPossible, S::RejectedBySafetyFunction],
-            _ if panda => &[S::Success, S::NotPossible, S::InvalidArgument],
             _ => &[
                 S::Success,
                 S::NotPossible,
                 S::InvalidArgument,
                 S::RejectedBySafetyFunction,
             ],
-        }
+        };
+        // A Panda has no safety functions.
+        let is_safety = |status: &Self| matches!(status, S::PreemptedBySafetyFunction | S::RejectedBySafetyFunction);
+        let all = all.iter().copied();
+        all.filter(move |status| !version.is_panda() || !is_safety(status))
     }
 
     /// The status with this number.
@@ -121,8 +96,8 @@ impl Status {
     /// # Errors
     /// [`WireError::UnknownValue`] for a number without meaning.
     pub fn from_number(number: u8, command: CommandKind, version: Version) -> Result<Self, WireError> {
-        let status = Self::all(command, version).get(usize::from(number));
-        status.copied().ok_or(WireError::UnknownValue {
+        let status = Self::all(command, version).nth(number.into());
+        status.ok_or(WireError::UnknownValue {
             field: "status",
             value: number.into(),
         })
@@ -131,8 +106,7 @@ impl Status {
     /// The number of this status in a response to `command`. A status that the command does not have in this version
     /// becomes the next more general one.
     pub fn number(self, command: CommandKind, version: Version) -> u8 {
-        let all = Self::all(command, version);
-        let place = |status| all.iter().position(|s| *s == status);
+        let place = |status| Self::all(command, version).position(|s| s == status);
         let general = match self {
             Self::PreemptedBySafetyFunction => Self::Preempted,
             _ => Self::NotPossible,

@@ -110,7 +110,7 @@ macro_rules! state {
             fn default() -> Self {
                 let mut state = Self {
                     message_id: 0,
-                    $($name: <$kind as Zero>::ZERO,)+
+                    $($name: Default::default(),)+
                     motion_generator_mode: MotionGeneratorMode::Idle,
                     controller_mode: ControllerMode::Other,
                     errors: ErrorSet::NONE,
@@ -127,17 +127,6 @@ macro_rules! state {
             }
         }
     };
-}
-
-/// The zero of a field.
-trait Zero {
-    const ZERO: Self;
-}
-impl Zero for f64 {
-    const ZERO: Self = 0.0;
-}
-impl<const N: usize> Zero for [f64; N] {
-    const ZERO: Self = [0.0; N];
 }
 
 const IDENTITY: [f64; 16] = [

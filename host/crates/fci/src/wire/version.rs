@@ -6,19 +6,19 @@ use super::WireError;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Version {
     /// Panda with the system versions 4.0 to 4.2.0. States are read; this crate moves no such robot.
-    V4,
+    V4 = 4,
     /// Panda with the system version 4.2.1 or newer.
-    V5,
+    V5 = 5,
     /// FR3 with the system version 5.2 or newer. Torque motions run as those of version 5.
-    V6,
+    V6 = 6,
     /// FR3 with the system version 5.5 or newer. Torque motions run without a generator and end by a flag of their own.
-    V7,
+    V7 = 7,
     /// FR3 with the system version 5.7.0 or newer; adds the command `GetRobotModel`.
-    V8,
+    V8 = 8,
     /// FR3 with the system version 5.7.2 or newer. Only the number differs from version 8.
-    V9,
+    V9 = 9,
     /// FR3 with the system version 5.9 or newer; the state has 32-bit numbers, and two accelerometers of each link.
-    V10,
+    V10 = 10,
 }
 
 impl Version {
@@ -27,32 +27,16 @@ impl Version {
 
     /// The number on the wire.
     pub const fn number(self) -> u16 {
-        match self {
-            Self::V4 => 4,
-            Self::V5 => 5,
-            Self::V6 => 6,
-            Self::V7 => 7,
-            Self::V8 => 8,
-            Self::V9 => 9,
-            Self::V10 => 10,
-        }
+        self as u16
     }
 
     /// The version with this number.
     ///
     /// # Errors
     /// [`WireError::UnknownVersion`] for a number that this crate does not speak.
-    pub const fn from_number(number: u16) -> Result<Self, WireError> {
-        match number {
-            4 => Ok(Self::V4),
-            5 => Ok(Self::V5),
-            6 => Ok(Self::V6),
-            7 => Ok(Self::V7),
-            8 => Ok(Self::V8),
-            9 => Ok(Self::V9),
-            10 => Ok(Self::V10),
-            other => Err(WireError::UnknownVersion(other)),
-        }
+    pub fn from_number(number: u16) -> Result<Self, WireError> {
+        let version = Self::ALL.into_iter().find(|version| version.number() == number);
+        version.ok_or(WireError::UnknownVersion(number))
     }
 
     /// Size of a state, bytes.

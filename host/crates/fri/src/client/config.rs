@@ -36,8 +36,6 @@ pub struct ClientConfig {
     pub cabinet: Option<IpAddr>,
     /// How long to wait for a message before the cabinet counts as silent.
     pub timeout: Duration,
-    /// Cut-off frequency of the velocity filter, Hz. See [`VelocityFilter`](super::VelocityFilter).
-    pub velocity_cutoff_hz: f64,
     /// Limits of the torques that the client sends.
     pub limits: TorqueLimits,
     /// Appends length and checksum to each command. Off: the public facts do not say which bytes they cover, and a
@@ -58,7 +56,6 @@ impl ClientConfig {
             address: SocketAddr::new(IpAddr::V4(Ipv4Addr::UNSPECIFIED), UDP_PORT),
             cabinet: None,
             timeout: Duration::from_millis(100),
-            velocity_cutoff_hz: 100.0,
             limits,
             checksum: false,
             busy_poll_us: None,

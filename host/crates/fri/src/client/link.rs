@@ -11,6 +11,8 @@ use crate::wire::{
     Checksum, CommandMessage, Framing, MAX_DATAGRAM_SIZE, MAX_MESSAGE_SIZE, MonitoringMessage, SessionState,
 };
 
+/// Cut-off frequency of the velocity filter, Hz: see [`VelocityFilter`].
+const VELOCITY_CUTOFF_HZ: f64 = 100.0;
 /// Messages older than the newest by no more than this are late or out of order. What is older still comes from a
 /// restarted cabinet.
 const REORDERED: u32 = 100;
@@ -91,7 +93,7 @@ impl ClientLink {
             answer_to: None,
             newest: None,
             framing: Framing::default(),
-            filter: VelocityFilter::new(config.velocity_cutoff_hz),
+            filter: VelocityFilter::new(VELOCITY_CUTOFF_HZ),
             unanswered: 0,
             sequence: 0,
             reflected: None,
@@ -171,7 +173,7 @@ impl ClientLink {
         let dq = self
             .filter
             .update(&message.measured_position, f64::from(steps) * period);
-        self.state = MonitoredState::new(&message, dq);
+        self.state = MonitoredState { message, dq };
         self.newest = Some(message);
         Ok(true)
     }
@@ -193,7 +195,7 @@ impl ClientLink {
 
     /// Whether the newest message is due for an answer: each n-th is.
     pub(super) fn answer_is_due(&self) -> bool {
-        let multiplier = self.state.receive_multiplier.unwrap_or(1).max(1);
+        let multiplier = self.state.message.connection.receive_multiplier.unwrap_or(1).max(1);
         self.newest.is_some() && self.unanswered >= multiplier
     }
 
@@ -201,13 +203,17 @@ impl ClientLink {
     /// measured one.
     pub(super) fn mirror_monitoring(&mut self) -> Result<bool, ClientError> {
         let monitoring = matches!(
-            self.state.session,
+            self.state.message.connection.session,
             SessionState::MonitoringWait | SessionState::MonitoringReady
         );
         if !monitoring || !self.answer_is_due() {
             return Ok(false);
         }
-        let position = self.state.commanded_position.unwrap_or(self.state.q);
+        let position = self
+            .state
+            .message
+            .commanded_position
+            .unwrap_or(self.state.message.measured_position);
         self.send(position, None)?;
         Ok(true)
     }

@@ -40,21 +40,3 @@ pub use read_only::ReadOnlyClient;
 pub use sign::{MeasuredSign, measured_sign};
 pub use state::MonitoredState;
 pub use velocity::VelocityFilter;
-
-/// How the torques of an interface relate to the arm. What a drive must know before it uses them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TorqueTraits {
-    /// The cabinet adds gravity (of arm and declared load) to the overlay.
-    pub compensates_gravity: bool,
-    /// The measured torque includes gravity.
-    pub measures_gravity: bool,
-    /// The sign of the measured torque; `None` where it has to be found at the robot. See [`measured_sign`].
-    pub measured_sign: Option<MeasuredSign>,
-}
-
-/// The torques of this interface. The sign of the measured ones differs between software versions.
-pub const TORQUE_TRAITS: TorqueTraits = TorqueTraits {
-    compensates_gravity: true,
-    measures_gravity: true,
-    measured_sign: None,
-};

@@ -78,13 +78,13 @@ impl Client {
     /// # Errors
     /// [`ClientError::NotReady`] if the newest message shows a safety stop or does not tell.
     pub fn enable(&mut self) -> Result<(), ClientError> {
-        match self.link.state.safety {
+        match self.link.state.message.robot.safety {
             Some(SafetyState::NormalOperation) => {}
             Some(stop) => return Err(ClientError::NotReady(EndCause::SafetyStop(stop))),
             None => return Err(ClientError::NotReady(EndCause::SafetyUnknown)),
         }
         self.enabled = true;
-        self.before = self.link.state.session;
+        self.before = self.link.state.message.connection.session;
         self.sent = [0.0; JOINTS];
         Ok(())
     }
@@ -120,18 +120,18 @@ impl Client {
             self.link.mirror_monitoring()?;
             return Err(CommandingEnd {
                 cause,
-                session: state.session,
-                quality: state.quality,
+                session: state.message.connection.session,
+                quality: state.message.connection.quality,
             }
             .into());
         }
-        self.before = state.session;
-        if state.session == SessionState::CommandingActive {
+        self.before = state.message.connection.session;
+        if state.message.connection.session == SessionState::CommandingActive {
             self.answerable = self.enabled && self.link.answer_is_due();
             return Ok(cycle);
         }
         self.sent = [0.0; JOINTS];
-        if state.session == SessionState::CommandingWait {
+        if state.message.connection.session == SessionState::CommandingWait {
             if self.enabled && self.link.answer_is_due() {
                 self.link.send(mirrored(state), Some(self.sent))?;
                 cycle.answered = true;
@@ -198,7 +198,7 @@ impl Client {
         if restarted {
             return Some(EndCause::Restarted);
         }
-        match state.safety {
+        match state.message.robot.safety {
             Some(SafetyState::NormalOperation) => {}
             Some(stop) => return Some(EndCause::SafetyStop(stop)),
             None => return Some(EndCause::SafetyUnknown),
@@ -208,17 +208,22 @@ impl Client {
             SessionState::CommandingWait => 1,
             SessionState::CommandingActive => 2,
         };
-        if rank(state.session) < rank(self.before) {
+        if rank(state.message.connection.session) < rank(self.before) {
             return Some(EndCause::SessionFell {
                 from: self.before,
-                to: state.session,
+                to: state.message.connection.session,
             });
         }
-        if state.session == SessionState::CommandingActive {
-            if state.drives.is_some_and(|drives| drives.contains(&DriveState::Off)) {
+        if state.message.connection.session == SessionState::CommandingActive {
+            if state
+                .message
+                .robot
+                .drives
+                .is_some_and(|drives| drives.contains(&DriveState::Off))
+            {
                 return Some(EndCause::DrivesOff);
             }
-            if let Some(mode) = state.command_mode
+            if let Some(mode) = state.ipo().command_mode
                 && mode != ClientCommandMode::Torque
             {
                 return Some(EndCause::CommandMode(mode));
@@ -230,7 +235,7 @@ impl Client {
     /// Brings the torques within the limits and keeps them as the last ones sent.
     fn clamp(&mut self, wanted: &[f64; JOINTS], cycle: &mut Cycle) {
         let state = &self.link.state;
-        let answers_apart = f64::from(state.receive_multiplier.unwrap_or(1).max(1));
+        let answers_apart = f64::from(state.message.connection.receive_multiplier.unwrap_or(1).max(1));
         let step = self.limits.torque_rate * state.period_s() * answers_apart;
         for joint in 0..JOINTS {
             let limit = self.limits.torque[joint];
@@ -247,5 +252,5 @@ impl Client {
 
 /// The position to answer with. The interpolated position must be mirrored, or the session falls back.
 fn mirrored(state: &MonitoredState) -> [f64; JOINTS] {
-    state.interpolated_position.unwrap_or(state.q)
+    state.ipo().joint_position.unwrap_or(state.message.measured_position)
 }

@@ -48,6 +48,18 @@ pub struct ConnectionInfo {
     pub receive_multiplier: Option<u32>,
 }
 
+impl Default for ConnectionInfo {
+    /// No session.
+    fn default() -> Self {
+        Self {
+            session: SessionState::Idle,
+            quality: Quality::Poor,
+            send_period_ms: None,
+            receive_multiplier: None,
+        }
+    }
+}
+
 /// `ipoData`: the cabinet's own interpolator.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct IpoData {
@@ -62,7 +74,7 @@ pub struct IpoData {
 }
 
 /// What the cabinet measures and does (`FRIMonitoringMessage`).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MonitoringMessage {
     /// Counts the cabinet's messages.
     pub sequence: u32,

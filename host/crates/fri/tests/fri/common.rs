@@ -51,12 +51,12 @@ pub(crate) fn cabinet_with(config: CabinetConfig) -> (CabinetSide, Arc<Mutex<Joi
 /// A joint impedance that holds `at`, rad.
 pub(crate) fn hold(at: [f64; 7]) -> impl Fn(&MonitoredState) -> [f64; 7] {
     let law = joint_impedance(at);
-    move |state| law(&state.q, &state.dq)
+    move |state| law(&state.message.measured_position, &state.dq)
 }
 
 /// The largest distance of a joint from `at`, rad.
 pub(crate) fn deviation(state: &MonitoredState, at: &[f64; 7]) -> f64 {
-    spherecal_cyclic::testing::deviation(&state.q, at)
+    spherecal_cyclic::testing::deviation(&state.message.measured_position, at)
 }
 
 /// Exchanges until the session has this state; fails after many messages.
@@ -68,11 +68,11 @@ pub(crate) fn until(
     let law = hold(START);
     for _ in 0..20_000 {
         let cycle = client.exchange(state, &law)?;
-        if state.session == session {
+        if state.message.connection.session == session {
             return Ok(cycle);
         }
     }
-    panic!("the session stays in {}", state.session);
+    panic!("the session stays in {}", state.message.connection.session);
 }
 
 /// A client that commands: the session is in COMMANDING_ACTIVE.

@@ -73,7 +73,7 @@ fn jitter_is_held_or_named() {
     side.controls().command.store(true, Ordering::Relaxed);
     for _ in 0..300 {
         match client.exchange(&mut state, &law) {
-            Ok(_) => assert_ne!(state.session, SessionState::CommandingActive),
+            Ok(_) => assert_ne!(state.message.connection.session, SessionState::CommandingActive),
             Err(ClientError::Ended(end)) => assert!(matches!(end.cause, EndCause::SessionFell { .. }), "{end}"),
             Err(error) => panic!("{error}"),
         }

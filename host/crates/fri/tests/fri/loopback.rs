@@ -46,15 +46,18 @@ fn the_session_rises_and_the_overlay_holds_the_arm() {
     for _ in 0..2000 {
         let cycle = client
             .exchange(&mut state, |s| {
-                called_outside |= s.session != SessionState::CommandingActive;
+                called_outside |= s.message.connection.session != SessionState::CommandingActive;
                 law(s)
             })
             .expect("a cycle");
-        assert_eq!(cycle.commanded, state.session == SessionState::CommandingActive);
-        if seen.last() != Some(&state.session) {
-            seen.push(state.session);
+        assert_eq!(
+            cycle.commanded,
+            state.message.connection.session == SessionState::CommandingActive
+        );
+        if seen.last() != Some(&state.message.connection.session) {
+            seen.push(state.message.connection.session);
         }
-        if state.session == SessionState::MonitoringReady && !client.is_enabled() {
+        if state.message.connection.session == SessionState::MonitoringReady && !client.is_enabled() {
             client.enable().expect("a robot that may move");
             side.controls().command.store(true, Ordering::Relaxed);
         }
@@ -69,8 +72,8 @@ fn the_session_rises_and_the_overlay_holds_the_arm() {
             SessionState::CommandingActive
         ]
     );
-    assert_eq!(state.command_mode, Some(ClientCommandMode::Torque));
-    assert!(state.quality >= Quality::Good);
+    assert_eq!(state.ipo().command_mode, Some(ClientCommandMode::Torque));
+    assert!(state.message.connection.quality >= Quality::Good);
     let mut worst: f64 = 0.0;
     for _ in 0..2000 {
         client.exchange(&mut state, &law).expect("a cycle");
@@ -101,7 +104,7 @@ fn velocities_are_differentiated() {
     let mut last: Option<(u32, f64)> = None;
     for _ in 0..600 {
         client.exchange(&mut state, hold(START)).expect("a cycle");
-        let here = (state.sequence, state.q[0]);
+        let here = (state.message.sequence, state.message.measured_position[0]);
         if let Some((sequence, q)) = last
             && here.0 == sequence + 1
         {
@@ -277,7 +280,7 @@ fn the_observer_watches_and_never_commands() {
     arm.lock().expect("the arm").external[1] = 1.0;
     let moved = (0..5000).any(|_| {
         observer.receive(&mut state).expect("a message");
-        (state.q[1] - START[1]).abs() > 0.02
+        (state.message.measured_position[1] - START[1]).abs() > 0.02
     });
     assert!(moved);
     arm.lock().expect("the arm").external[1] = 0.0;
@@ -285,7 +288,7 @@ fn the_observer_watches_and_never_commands() {
     side.controls().command.store(true, Ordering::Relaxed);
     let begun = (0..3000).any(|_| {
         observer.receive(&mut state).expect("a message");
-        state.session == SessionState::CommandingActive
+        state.message.connection.session == SessionState::CommandingActive
     });
     assert!(!begun);
     assert_eq!(side.shut_down().largest_torque, 0.0);
@@ -306,8 +309,8 @@ fn the_sign_of_the_measured_torques_is_found_at_rest() {
         let mut state = MonitoredState::default();
         observer.receive(&mut state).expect("a message");
         let gravity = arm.lock().expect("the arm").gravity;
-        let gravity = std::array::from_fn(|j| gravity[j] * state.q[j].sin());
-        let found = measured_sign(&state.measured_torque, &gravity).expect("plain enough");
+        let gravity = std::array::from_fn(|j| gravity[j] * state.message.measured_position[j].sin());
+        let found = measured_sign(&state.message.measured_torque, &gravity).expect("plain enough");
         assert_eq!(found as i32, i32::from(sign < 0.0));
     }
 }

@@ -181,7 +181,7 @@ fn gaps_and_repetitions_are_told_apart() {
     cabinet.message.sequence = newest;
     cabinet.send();
     client.exchange(&mut state, |_| [0.0; 7]).expect("a message");
-    assert_eq!(state.sequence, newest + 1);
+    assert_eq!(state.message.sequence, newest + 1);
     let after = client.statistics();
     assert_eq!((after.stale, after.messages, after.missed), (2, 301, before.missed));
     assert_eq!(cabinet.answer().expect("an answer").reflected_sequence, newest + 1);

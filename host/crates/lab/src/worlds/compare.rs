@@ -86,14 +86,6 @@ impl WorldScore {
             |f: &dyn Fn(&ErrorStatistics) -> f64| median(self.robots.iter().map(|r| f(r.under(alignment))).collect());
         (of(&|s| s.mean_mm), of(&|s| s.max_mm))
     }
-
-    /// Largest mean error of all robots, in mm.
-    pub fn worst_mm(&self, alignment: Alignment) -> f64 {
-        self.robots
-            .iter()
-            .map(|r| r.under(alignment).mean_mm)
-            .fold(0.0, f64::max)
-    }
 }
 
 /// The whole comparison.

@@ -24,8 +24,7 @@ pub use compare::{AlignedErrors, CompareOptions, Comparison, RobotErrors, WorldS
 pub use estimators::judge;
 pub use plans::{Chosen, PlanOptions, PlanRow, PlanTable, PlannedRobot, compare_plans, merge_plans};
 pub use record::{
-    CONTACT_S, ContactPose, GRID_SPHERES, Trial, WorldError, paper_poses, planned_poses, record, record_plant,
-    record_poses,
+    CONTACT_S, ContactPose, Trial, WorldError, paper_poses, planned_poses, record, record_plant, record_poses,
 };
 pub use spherecal_identify::Estimator;
 pub use spherecal_sim::worlds::{UnknownWorld, World};

@@ -16,9 +16,6 @@ use spherecal_plan::laser::{self, Arc, LaserPlan, LaserPlanError};
 use spherecal_sim::plant::{PlantConfig, PlantError, StillArm, TrueCell};
 use spherecal_sim::worlds::World;
 
-/// Poses of the paper's grid on the three spheres together.
-pub const GRID_SPHERES: usize = 1875;
-
 /// Time from one contact to the next, in s: what the plans of 150 poses predict.
 pub const CONTACT_S: f64 = 4.0;
 

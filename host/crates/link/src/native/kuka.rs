@@ -8,18 +8,14 @@ use spherecal_fri::client::{
     Client, ClientConfig, ClientError, MeasuredSign, MonitoredState, TorqueLimits, measured_sign,
 };
 use spherecal_fri::wire::{SafetyState, SessionState};
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus, TorqueSign};
-use spherecal_shared::protocol::host::LoopTiming;
+use spherecal_shared::protocol::drive::{DriveHello, DriveStatus, TorqueSign};
 use spherecal_shared::robot::{Arm, Dynamics as _, Robot, Tool};
 
-use super::monitor::{DriveRecorder, Monitor};
-use super::{DriveEvent, JOINTS, PAUSE_TICKS, Undeclared, fill, periods, torques};
-use crate::{Drive, LinkError};
-use spherecal_budget::robot::{FIRST, GIVE_UP, START};
+use super::drive::{Course, Interface, InterfaceDrive, SESSION};
+use super::{DriveEvent, JOINTS, PAUSE_TICKS, Undeclared};
+use crate::LinkError;
+use spherecal_budget::robot::{FIRST, START};
 
-/// Session number of the drive: a lost connection ends the run, or goes on in the
-/// same session.
-const SESSION: u32 = 1;
 /// States that are averaged for the sign of the torques.
 const SIGN_STATES: u32 = 100;
 
@@ -85,21 +81,15 @@ pub enum KukaError {
 ///   arm with its brakes.
 /// - Velocities are differentiated and filtered by the client.
 /// - The sign of the measured torques is found at the start, by the gravity of the arm at rest.
-pub struct KukaDrive {
+pub type KukaDrive = InterfaceDrive<Kuka, JOINTS>;
+
+/// A KUKA arm behind its interface.
+pub struct Kuka {
     machine: Arc<dyn Machine>,
     client: Client,
-    hello: DriveHello,
     state: MonitoredState,
-    tick: u64,
-    missed: u32,
-    /// The command for this period was carried out.
-    answered: bool,
     /// The start of the motion has read its first message.
     begun: bool,
-    /// Commanding is not permitted before this tick.
-    resume_at: u64,
-    silent: Duration,
-    recorder: DriveRecorder,
 }
 
 impl KukaDrive {
@@ -130,67 +120,49 @@ impl KukaDrive {
         };
         let mut client = Client::listen(&config)?;
         let state = first_state(&mut client, config.machine.as_ref())?;
-        let multiplier = state.receive_multiplier.unwrap_or(1);
+        let multiplier = state.message.connection.receive_multiplier.unwrap_or(1);
         if multiplier > 1 {
             return Err(KukaError::Multiplier { multiplier });
         }
         let (state, torque_sign) = sign(&mut client, state, &arm)?;
-        let period_us = state.send_period_ms.unwrap_or(1).max(1).saturating_mul(1000);
+        let period_us = state
+            .message
+            .connection
+            .send_period_ms
+            .unwrap_or(1)
+            .max(1)
+            .saturating_mul(1000);
         // No cabinet is on this computer: what sends from here is a simulation.
         let simulated = client.cabinet().is_some_and(|address| address.is_loopback());
-        Ok(Self {
-            client,
-            hello: DriveHello {
-                period_us,
-                compensates_gravity: true,
-                motor_kg_m2: options.undeclared.motor_kg_m2.clone(),
-                latency_us: options.undeclared.latency_us,
-                torque_sign,
-                simulated,
-                ..DriveHello::new(SESSION, robot.joints.iter().map(|joint| joint.limits))
-            },
-            state,
-            tick: 0,
-            missed: 0,
-            answered: false,
-            begun: false,
-            resume_at: 0,
-            silent: Duration::ZERO,
-            recorder: DriveRecorder::new(period_us, Arc::clone(&config.machine)),
-            machine: config.machine,
-        })
-    }
-
-    /// Carries out the command that answers the last state.
-    fn carry_out(&mut self, command: Option<&DriveCommand>) -> Result<(), LinkError> {
-        let Some(tau) = command.filter(|c| c.enable).map(|c| &c.tau) else {
-            if self.client.is_enabled() {
-                self.client.disable();
-                self.recorder.pause();
-            }
-            return Ok(());
+        let hello = DriveHello {
+            period_us,
+            compensates_gravity: true,
+            motor_kg_m2: options.undeclared.motor_kg_m2.clone(),
+            latency_us: options.undeclared.latency_us,
+            torque_sign,
+            simulated,
+            ..DriveHello::new(SESSION, robot.joints.iter().map(|joint| joint.limits))
         };
-        let tau = torques(tau)?;
-        if !self.client.is_enabled() {
-            return self.start();
-        }
-        match self.client.command(&tau) {
-            Ok(cycle) => self.recorder.answered(cycle.rate_limited, cycle.torque_limited),
-            // The newest message was answered before the cabinet fell silent.
-            Err(ClientError::NothingToAnswer) => {}
-            Err(error) => return Err(LinkError::device(error)),
-        }
-        Ok(())
+        let course = Course::new(period_us, PAUSE_TICKS, &config.machine);
+        let robot = Kuka {
+            machine: config.machine,
+            client,
+            state,
+            begun: false,
+        };
+        Ok(Self::new(robot, hello, course))
     }
+}
 
+impl Kuka {
     /// Permits commanding, and mirrors until the application's motion runs.
-    fn start(&mut self) -> Result<(), LinkError> {
-        if self.status() != DriveStatus::Ready {
+    fn start(&mut self, course: &mut Course) -> Result<(), ClientError> {
+        if self.status(course) != DriveStatus::Ready {
             return Ok(());
         }
-        self.recorder.pause();
+        course.recorder.pause();
         if let Err(ClientError::NotReady(cause)) = self.client.enable() {
-            self.refused(DriveEvent::KukaNotReady(cause));
+            course.refused(DriveEvent::KukaNotReady(cause));
             return Ok(());
         }
         let machine = Arc::clone(&self.machine);
@@ -201,123 +173,96 @@ impl KukaDrive {
             match self.client.receive(&mut self.state) {
                 Ok(_) | Err(ClientError::Silent { .. }) => {}
                 Err(ClientError::Ended(end)) => {
-                    self.refused(DriveEvent::KukaEnded(end));
+                    course.refused(DriveEvent::KukaEnded(end));
                     return Ok(());
                 }
-                Err(error) => return Err(LinkError::device(error)),
+                Err(error) => return Err(error),
             }
             if !told && elapsed() > Duration::from_secs(1) {
                 told = true;
-                self.recorder.event(DriveEvent::KukaWaits(self.state.session));
+                course
+                    .recorder
+                    .event(DriveEvent::KukaWaits(self.state.message.connection.session));
             }
             if elapsed() > START {
                 self.client.disable();
-                self.refused(DriveEvent::KukaWaits(self.state.session));
+                course.refused(DriveEvent::KukaWaits(self.state.message.connection.session));
                 return Ok(());
             }
         }
         self.begun = true;
-        self.recorder.event(DriveEvent::Started);
+        course.recorder.event(DriveEvent::Started);
         Ok(())
-    }
-
-    fn refused(&mut self, event: DriveEvent) {
-        self.resume_at = self.tick + PAUSE_TICKS;
-        self.recorder.event(event);
-    }
-
-    fn arrived(&mut self, missed: u64) {
-        let active = self.client.is_answerable();
-        // With closed brakes a message that was not read is no missed period.
-        self.missed = if active {
-            u32::try_from(missed).unwrap_or(u32::MAX)
-        } else {
-            0
-        };
-        self.recorder.state(active, self.missed);
-        self.tick += 1 + u64::from(self.missed);
-        if !std::mem::take(&mut self.silent).is_zero() {
-            self.recorder.event(DriveEvent::Back);
-        }
-    }
-
-    fn status(&self) -> DriveStatus {
-        if self.state.safety != Some(SafetyState::NormalOperation) {
-            return DriveStatus::EmergencyStop;
-        }
-        let may_start = self.tick >= self.resume_at;
-        match self.state.session {
-            SessionState::Idle => DriveStatus::Disabled,
-            // In MONITORING_WAIT too: the start waits until the connection is good.
-            _ if self.client.is_enabled() || may_start => DriveStatus::Ready,
-            _ => DriveStatus::Disabled,
-        }
     }
 }
 
-impl Drive for KukaDrive {
-    fn hello(&self) -> &DriveHello {
-        &self.hello
+impl Interface<JOINTS> for Kuka {
+    type Error = ClientError;
+
+    fn carry_out(&mut self, course: &mut Course, tau: Option<[f64; JOINTS]>) -> Result<(), ClientError> {
+        let Some(tau) = tau else {
+            if self.client.is_enabled() {
+                self.client.disable();
+                course.recorder.pause();
+            }
+            return Ok(());
+        };
+        if !self.client.is_enabled() {
+            return self.start(course);
+        }
+        match self.client.command(&tau) {
+            Ok(cycle) => course.recorder.answered(cycle.rate_limited, cycle.torque_limited),
+            // The newest message was answered before the cabinet fell silent.
+            Err(ClientError::NothingToAnswer) => {}
+            Err(error) => return Err(error),
+        }
+        Ok(())
     }
 
-    fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
-        self.missed = 0;
-        if !std::mem::take(&mut self.answered) {
-            self.carry_out(command)?;
-        }
+    fn receive(&mut self, course: &mut Course) -> Result<(), ClientError> {
         let received = if std::mem::take(&mut self.begun) {
             Ok(0)
         } else {
             self.client.receive(&mut self.state).map(|cycle| cycle.missed)
         };
+        let active = self.client.is_answerable();
         match received {
-            Ok(missed) => self.arrived(missed),
+            Ok(missed) => course.arrived(active, missed),
             Err(ClientError::Ended(end)) => {
-                self.arrived(0);
-                self.recorder.record.stops += 1;
-                self.refused(DriveEvent::KukaEnded(end));
+                course.arrived(active, 0);
+                course.recorder.record.stops += 1;
+                course.refused(DriveEvent::KukaEnded(end));
             }
-            Err(ClientError::Silent { after }) => {
-                if self.silent.is_zero() {
-                    self.recorder.event(DriveEvent::Silent(after));
-                }
-                self.recorder.pause();
-                self.silent += after;
-                let periods = periods(after, self.hello.period_us);
-                self.missed = periods - 1;
-                self.tick += u64::from(periods);
-                if self.silent > GIVE_UP {
-                    return Err(LinkError::device(ClientError::Silent { after: self.silent }));
-                }
-                return Ok(());
-            }
-            Err(error) => return Err(LinkError::device(error)),
+            Err(error) => return Err(error),
         }
-        state.session = self.hello.session;
-        state.tick = self.tick;
-        fill(&mut state.q, &self.state.q);
-        fill(&mut state.dq, &self.state.dq);
-        fill(&mut state.tau, &self.state.measured_torque);
-        state.status = self.status();
         Ok(())
     }
 
-    fn answer(&mut self, command: &DriveCommand) -> Result<(), LinkError> {
-        self.carry_out(Some(command))?;
-        self.answered = true;
-        Ok(())
+    fn measured(&self) -> [[f64; JOINTS]; 3] {
+        [
+            self.state.message.measured_position,
+            self.state.dq,
+            self.state.message.measured_torque,
+        ]
     }
 
-    fn missed(&self) -> u32 {
-        self.missed
+    fn status(&self, course: &Course) -> DriveStatus {
+        if self.state.message.robot.safety != Some(SafetyState::NormalOperation) {
+            return DriveStatus::EmergencyStop;
+        }
+        match self.state.message.connection.session {
+            SessionState::Idle => DriveStatus::Disabled,
+            // In MONITORING_WAIT too: the start waits until the connection is good.
+            _ if self.client.is_enabled() || course.may_start() => DriveStatus::Ready,
+            _ => DriveStatus::Disabled,
+        }
     }
 
-    fn monitor(&self) -> Option<Monitor> {
-        Some(self.recorder.monitor())
-    }
-
-    fn timing(&self) -> Option<LoopTiming> {
-        Some(LoopTiming::from(&self.recorder.record))
+    fn silence(error: &mut ClientError) -> Option<&mut Duration> {
+        match error {
+            ClientError::Silent { after } => Some(after),
+            _ => None,
+        }
     }
 }
 
@@ -333,7 +278,10 @@ fn first_state(client: &mut Client, machine: &dyn Machine) -> Result<MonitoredSt
                 if !std::mem::replace(&mut heard, true) {
                     begun = machine.now();
                 }
-                if !matches!(state.session, SessionState::Idle | SessionState::MonitoringWait) {
+                if !matches!(
+                    state.message.connection.session,
+                    SessionState::Idle | SessionState::MonitoringWait
+                ) {
                     return Ok(state);
                 }
             }
@@ -343,8 +291,8 @@ fn first_state(client: &mut Client, machine: &dyn Machine) -> Result<MonitoredSt
         }
         if heard && since(begun) > FIRST {
             return Err(KukaError::NotReady {
-                session: state.session,
-                quality: state.quality,
+                session: state.message.connection.session,
+                quality: state.message.connection.quality,
             });
         }
     }
@@ -362,7 +310,7 @@ fn sign(
     while count < SIGN_STATES {
         match client.receive(&mut state) {
             Ok(_) => {
-                for (sum, tau) in measured.iter_mut().zip(&state.measured_torque) {
+                for (sum, tau) in measured.iter_mut().zip(&state.message.measured_torque) {
                     *sum += tau / f64::from(SIGN_STATES);
                 }
                 count += 1;
@@ -371,7 +319,10 @@ fn sign(
             Err(error) => return Err(error.into()),
         }
     }
-    let gravity: [f64; JOINTS] = arm.bodies(&arm.frames(&state.q)).gravity().into();
+    let gravity: [f64; JOINTS] = arm
+        .bodies(&arm.frames(&state.message.measured_position))
+        .gravity()
+        .into();
     match measured_sign(&measured, &gravity) {
         Some(MeasuredSign::Positive) => Ok((state, TorqueSign::OfActuator)),
         Some(MeasuredSign::Negative) => Ok((state, TorqueSign::OfLink)),

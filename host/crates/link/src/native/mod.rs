@@ -15,6 +15,7 @@
 //! Ticks count the periods of the commanded motion. While the brakes are closed, a state that was not read is no
 //! missed period.
 
+mod drive;
 mod event;
 mod franka;
 mod franka_setup;
@@ -25,10 +26,9 @@ mod ur;
 mod ur_start;
 mod wake_ups;
 
-use std::time::Duration;
-
 use spherecal_shared::Joints;
 
+pub use drive::InterfaceDrive;
 pub use event::DriveEvent;
 pub use franka::FrankaDrive;
 pub use franka_setup::{FrankaOptions, collision_behavior};
@@ -59,26 +59,3 @@ pub struct Undeclared {
 pub const JOINTS: usize = 7;
 /// Periods between a stop and the next attempt to move. The host sees the fault first.
 const PAUSE_TICKS: u64 = 1000;
-
-/// The torques of a command as the robot's client takes them.
-///
-/// # Errors
-/// A command for another number of joints.
-fn torques<const N: usize>(command: &[f64]) -> Result<[f64; N], crate::LinkError> {
-    command.try_into().map_err(|_| crate::LinkError::Torques {
-        found: command.len(),
-        joints: N,
-    })
-}
-
-/// Periods of `period_us` that passed in this time, at least one.
-fn periods(time: Duration, period_us: u32) -> u32 {
-    let count = time.as_micros() / u128::from(period_us.max(1));
-    u32::try_from(count).unwrap_or(u32::MAX).max(1)
-}
-
-fn fill<const N: usize>(joints: &mut spherecal_shared::Joints, values: &[f64; N]) {
-    joints.clear();
-    // They fit: a message carries up to MAX_JOINTS.
-    let _ = joints.extend_from_slice(values);
-}

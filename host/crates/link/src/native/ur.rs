@@ -1,10 +1,8 @@
 //! An e-Series robot of Universal Robots, or a newer one, behind RTDE and a program of ours.
 
-use std::sync::Arc;
 use std::time::Duration;
 
-use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
-use spherecal_shared::protocol::host::LoopTiming;
+use spherecal_shared::protocol::drive::{DriveHello, DriveStatus};
 use spherecal_shared::robot::{Arm, Dynamics as _};
 use spherecal_ur::JOINTS;
 use spherecal_ur::client::{
@@ -12,14 +10,11 @@ use spherecal_ur::client::{
 };
 use spherecal_ur::wire::{Order, SafetyMode};
 
-use super::monitor::{DriveRecorder, Monitor};
+use super::DriveEvent;
+use super::drive::{Course, Interface, InterfaceDrive, SESSION, periods};
 use super::ur_start::{Sent, UrError, UrOptions, begin, start};
-use super::{DriveEvent, fill, periods, torques};
-use crate::{Drive, LinkError};
-use spherecal_budget::robot::GIVE_UP;
+use crate::LinkError;
 
-/// Session number of the drive: a lost connection ends the run, or goes on in the same session.
-const SESSION: u32 = 1;
 /// Control period, s and µs.
 const PERIOD_S: f64 = TorqueClient::period_s();
 const PERIOD_US: u32 = (PERIOD_S * 1e6) as u32;
@@ -29,8 +24,6 @@ const PAUSE_TICKS: u64 = 1_000_000 / PERIOD_US as u64;
 const UNLOCK_TICKS: u64 = 11 * PAUSE_TICKS / 2;
 /// How often in a row the dashboard is asked, without torques between them.
 const UNLOCKS: u32 = 3;
-/// Shortest time between two attempts to connect again.
-const RETRY: Duration = Duration::from_millis(100);
 /// First major version without a dashboard.
 const POLYSCOPE_X: u32 = 10;
 
@@ -43,33 +36,29 @@ const POLYSCOPE_X: u32 = 10;
 /// - A stop ends the program. After a protective stop the drive asks the dashboard to end it, at most three times in a row;
 ///   other stops are a person's. As soon as the robot is ready, the next command with `enable` starts the program anew.
 /// - A cable that is out for less than a minute, and a robot that restarts, end the program; the drive connects again.
-pub struct UrDrive {
+pub type UrDrive = InterfaceDrive<Ur, JOINTS>;
+
+/// A robot of Universal Robots behind its interfaces.
+pub struct Ur {
     options: UrOptions,
     /// `None` while the connection is lost.
     client: Option<TorqueClient>,
     arm: Arm<f64, JOINTS>,
     limits: [f64; JOINTS],
     motors: [f64; JOINTS],
-    hello: DriveHello,
     state: TorqueState,
-    tick: u64,
-    missed: u32,
+    /// The state before it.
+    before: TorqueState,
     sent: Sent,
-    /// The command for this period was carried out.
-    answered: bool,
     /// A start has read its first state.
     begun: bool,
     /// Our program runs.
     runs: bool,
     /// The last command was a torque.
     follows: bool,
-    /// Nothing is started before this tick.
-    resume_at: u64,
-    silent: Duration,
     /// Since when the robot has been stopped.
     stopped_at: Option<u64>,
     unlocks: u32,
-    recorder: DriveRecorder,
 }
 
 impl UrDrive {
@@ -94,51 +83,140 @@ impl UrDrive {
         let (mut state, mut sent) = (TorqueState::default(), Sent::default());
         let latency_us = begin(&options, &mut client, &mut state, &mut sent)?.max(undeclared.latency_us);
         let motors = &undeclared.motor_kg_m2;
-        Ok(Self {
+        let hello = DriveHello {
+            period_us: PERIOD_US,
+            compensates_gravity: true,
+            motor_kg_m2: motors.clone(),
+            latency_us,
+            // No controller is on this computer: what answers from here is a simulation.
+            simulated: client.is_local(),
+            ..DriveHello::new(SESSION, robot.joints.iter().map(|joint| joint.limits))
+        };
+        let course = Course::new(PERIOD_US, PAUSE_TICKS, &options.config.machine);
+        let robot = Ur {
             arm,
             limits: std::array::from_fn(|j| robot.joints.get(j).map_or(0.0, |joint| joint.limits.torque_nm)),
             motors: std::array::from_fn(|j| motors.get(j).copied().unwrap_or(0.0)),
-            hello: DriveHello {
-                period_us: PERIOD_US,
-                compensates_gravity: true,
-                motor_kg_m2: motors.clone(),
-                latency_us,
-                // No controller is on this computer: what answers from here is a simulation.
-                simulated: client.is_local(),
-                ..DriveHello::new(SESSION, robot.joints.iter().map(|joint| joint.limits))
-            },
             client: Some(client),
+            before: state,
             state,
-            tick: 0,
-            missed: 0,
             sent,
-            answered: false,
             begun: false,
             runs: true,
             follows: false,
-            resume_at: 0,
-            silent: Duration::ZERO,
             stopped_at: None,
             unlocks: 0,
-            recorder: DriveRecorder::new(PERIOD_US, Arc::clone(&options.config.machine)),
             options,
-        })
+        };
+        Ok(Self::new(robot, hello, course))
+    }
+}
+
+impl Ur {
+    /// Starts the program anew, and waits until it runs.
+    fn start(&mut self, course: &mut Course) -> Result<(), ClientError> {
+        let Some(client) = self.client.as_mut().filter(|_| course.may_start()) else {
+            return Ok(());
+        };
+        if self.state.robot.ready().is_err() || self.state.robot.program().is_some() {
+            return Ok(());
+        }
+        course.recorder.pause();
+        self.runs = start(client, &mut self.state, &mut self.sent)?;
+        self.begun = true;
+        if self.runs {
+            self.unlocks = 0;
+        } else {
+            course.refused(DriveEvent::UrNotStarted);
+        }
+        Ok(())
     }
 
-    /// Carries out the command that answers the last state.
-    fn carry_out(&mut self, command: Option<&DriveCommand>) -> Result<(), ClientError> {
-        let wanted = command.filter(|c| c.enable).map(|c| &c.tau);
-        if wanted.is_some() && !self.runs {
-            return self.start();
+    /// A state came.
+    fn arrived(&mut self, course: &mut Course) {
+        let robot = &self.state.robot;
+        let passed = (robot.timestamp - self.before.robot.timestamp) / PERIOD_S;
+        let passed = passed.round().clamp(1.0, 1e9) as u32;
+        // The periods of a silence are counted.
+        let counted = if course.silent.is_zero() {
+            0
+        } else {
+            periods(course.silent, PERIOD_US)
+        };
+        course.arrived(self.follows, passed.saturating_sub(1 + counted).into());
+        let unready = robot.ready().err();
+        if self.runs && (unready.is_some() || robot.program().is_none()) {
+            course.recorder.record.stops += 1;
+            course.recorder.event(DriveEvent::UrEnded(
+                unready.map_or(ProgramEnd::Ended, ProgramEnd::Unready),
+            ));
+            self.ended(course);
+        }
+        self.unlock(course, unready);
+    }
+
+    /// The program does not run any more.
+    fn ended(&mut self, course: &mut Course) {
+        (self.runs, self.follows) = (false, false);
+        course.pause();
+        course.recorder.pause();
+    }
+
+    /// Asks the dashboard to end a protective stop, once the robot permits it.
+    fn unlock(&mut self, course: &mut Course, unready: Option<Unready>) {
+        let protective = Unready::Stopped(SafetyMode::ProtectiveStop.number());
+        let Some(unready) = unready.filter(|unready| *unready == protective) else {
+            self.stopped_at = None;
+            return;
+        };
+        let since = *self.stopped_at.get_or_insert(course.tick);
+        if course.tick - since < UNLOCK_TICKS || self.unlocks > UNLOCKS {
+            return;
+        }
+        self.stopped_at = Some(course.tick);
+        self.unlocks += 1;
+        let major = self.client.as_ref().map_or(0, |client| client.version().major);
+        if self.unlocks > UNLOCKS || major >= POLYSCOPE_X {
+            self.unlocks = UNLOCKS + 1;
+            course.recorder.event(DriveEvent::UrPersonNeeded(unready));
+            return;
+        }
+        course.recorder.record.recoveries += 1;
+        course.recorder.event(DriveEvent::UrUnlocking);
+        let commands = [
+            DashboardCommand::CloseSafetyPopup,
+            DashboardCommand::UnlockProtectiveStop,
+        ];
+        // Whether it helped, the robot's state tells. A dashboard that does not answer is asked again.
+        let _ = ask_dashboard(&self.options.config, &commands);
+    }
+
+    /// What acts on the links, N m.
+    fn link_torque(&self) -> [f64; JOINTS] {
+        let (now, then) = (&self.state.robot, &self.before.robot);
+        let gravity = self.arm.bodies(&self.arm.frames(&now.actual_q)).gravity();
+        let time_s = (now.timestamp - then.timestamp).max(PERIOD_S);
+        std::array::from_fn(|j| {
+            let acceleration = (now.actual_qd[j] - then.actual_qd[j]) / time_s;
+            gravity[j] + self.state.motor_torque[j] - self.motors[j] * acceleration
+        })
+    }
+}
+
+impl Interface<JOINTS> for Ur {
+    type Error = ClientError;
+
+    fn carry_out(&mut self, course: &mut Course, tau: Option<[f64; JOINTS]>) -> Result<(), ClientError> {
+        if tau.is_some() && !self.runs {
+            return self.start(course);
         }
         let Some(client) = &mut self.client else { return Ok(()) };
         // While the robot is silent there is nothing to answer: its program ends by itself.
-        if !self.silent.is_zero() {
+        if !course.silent.is_zero() {
             return Ok(());
         }
         let mut limited = false;
-        // A wrong number of torques was refused before.
-        let order = match wanted.and_then(|tau| torques::<JOINTS>(tau).ok()) {
+        let order = match tau {
             Some(mut tau) => {
                 for (tau, limit) in tau.iter_mut().zip(self.limits) {
                     limited |= tau.abs() > limit;
@@ -152,148 +230,40 @@ impl UrDrive {
         self.sent.note(client.send(&order)?, self.state.robot.timestamp);
         if follows {
             if !self.follows {
-                self.recorder.event(DriveEvent::Started);
+                course.recorder.event(DriveEvent::Started);
             }
-            self.recorder.answered(false, limited);
+            course.recorder.answered(false, limited);
         } else if self.follows {
-            self.recorder.pause();
+            course.recorder.pause();
         }
         self.follows = follows;
         Ok(())
     }
 
-    /// Starts the program anew, and waits until it runs.
-    fn start(&mut self) -> Result<(), ClientError> {
-        let Some(client) = self.client.as_mut().filter(|_| self.tick >= self.resume_at) else {
-            return Ok(());
-        };
-        if self.state.robot.ready().is_err() || self.state.robot.program().is_some() {
-            return Ok(());
+    fn receive(&mut self, course: &mut Course) -> Result<(), ClientError> {
+        let Some(client) = &mut self.client else { return Ok(()) };
+        let before = self.state;
+        if !std::mem::take(&mut self.begun) {
+            client.receive(&mut self.state)?;
         }
-        self.recorder.pause();
-        self.runs = start(client, &mut self.state, &mut self.sent)?;
-        self.begun = true;
-        if self.runs {
-            self.unlocks = 0;
-        } else {
-            self.resume_at = self.tick + PAUSE_TICKS;
-            self.recorder.event(DriveEvent::UrNotStarted);
-        }
+        self.before = before;
+        self.arrived(course);
         Ok(())
     }
 
-    /// A state came; `before` is the one before it.
-    fn arrived(&mut self, before: &TorqueState) {
-        let robot = &self.state.robot;
-        let passed = (robot.timestamp - before.robot.timestamp) / PERIOD_S;
-        let passed = passed.round().clamp(1.0, 1e9) as u32;
-        // While the robot holds the arm itself, a state that was not read is no missed period. Those of a silence are counted.
-        let counted = if self.silent.is_zero() {
-            0
-        } else {
-            periods(self.silent, PERIOD_US)
-        };
-        self.missed = if self.follows {
-            passed.saturating_sub(1 + counted)
-        } else {
-            0
-        };
-        self.recorder.state(self.follows, self.missed);
-        self.tick += 1 + u64::from(self.missed);
-        if !std::mem::take(&mut self.silent).is_zero() {
-            self.recorder.event(DriveEvent::Back);
-        }
-        let unready = robot.ready().err();
-        if self.runs && (unready.is_some() || robot.program().is_none()) {
-            self.recorder.record.stops += 1;
-            self.recorder.event(DriveEvent::UrEnded(
-                unready.map_or(ProgramEnd::Ended, ProgramEnd::Unready),
-            ));
-            self.ended();
-        }
-        self.unlock(unready);
+    fn measured(&self) -> [[f64; JOINTS]; 3] {
+        [
+            self.state.robot.actual_q,
+            self.state.robot.actual_qd,
+            self.link_torque(),
+        ]
     }
 
-    /// The program does not run any more.
-    fn ended(&mut self) {
-        (self.runs, self.follows) = (false, false);
-        self.resume_at = self.tick + PAUSE_TICKS;
-        self.recorder.pause();
-    }
-
-    /// Asks the dashboard to end a protective stop, once the robot permits it.
-    fn unlock(&mut self, unready: Option<Unready>) {
-        let protective = Unready::Stopped(SafetyMode::ProtectiveStop.number());
-        let Some(unready) = unready.filter(|unready| *unready == protective) else {
-            self.stopped_at = None;
-            return;
-        };
-        let since = *self.stopped_at.get_or_insert(self.tick);
-        if self.tick - since < UNLOCK_TICKS || self.unlocks > UNLOCKS {
-            return;
-        }
-        self.stopped_at = Some(self.tick);
-        self.unlocks += 1;
-        let major = self.client.as_ref().map_or(0, |client| client.version().major);
-        if self.unlocks > UNLOCKS || major >= POLYSCOPE_X {
-            self.unlocks = UNLOCKS + 1;
-            self.recorder.event(DriveEvent::UrPersonNeeded(unready));
-            return;
-        }
-        self.recorder.record.recoveries += 1;
-        self.recorder.event(DriveEvent::UrUnlocking);
-        let commands = [
-            DashboardCommand::CloseSafetyPopup,
-            DashboardCommand::UnlockProtectiveStop,
-        ];
-        // Whether it helped, the robot's state tells. A dashboard that does not answer is asked again.
-        let _ = ask_dashboard(&self.options.config, &commands);
-    }
-
-    /// No state came for this long.
-    fn heard_nothing(&mut self, after: Duration) {
-        if self.silent.is_zero() {
-            self.recorder.event(DriveEvent::Silent(after));
-        }
-        self.recorder.pause();
-        self.silent += after;
-        let periods = periods(after, PERIOD_US);
-        self.missed = periods - 1;
-        self.tick += u64::from(periods);
-    }
-
-    /// Closes the connection: [`reconnect`](Self::reconnect) makes a new one.
-    fn lose(&mut self) {
-        self.client = None;
-        self.ended();
-    }
-
-    fn reconnect(&mut self) -> Result<(), LinkError> {
-        let machine = Arc::clone(&self.options.config.machine);
-        let begun = machine.now();
-        let elapsed = || machine.now().saturating_duration_since(begun);
-        match self.options.open() {
-            Ok(client) => {
-                self.client = Some(client);
-                self.resume_at = self.tick + PAUSE_TICKS;
-                self.recorder.record.reconnects += 1;
-                self.recorder.event(DriveEvent::Reconnected);
-            }
-            Err(error @ (ClientError::NoTorques { .. } | ClientError::Protocol | ClientError::Wire(_))) => {
-                return Err(LinkError::device(error));
-            }
-            Err(error) if self.silent + elapsed() > GIVE_UP => return Err(LinkError::device(error)),
-            Err(_) => machine.sleep(RETRY.saturating_sub(elapsed())),
-        }
-        self.heard_nothing(elapsed());
-        Ok(())
-    }
-
-    fn status(&self) -> DriveStatus {
+    fn status(&self, course: &Course) -> DriveStatus {
         let robot = &self.state.robot;
         match robot.ready() {
             Ok(()) if self.runs => DriveStatus::Ready,
-            Ok(()) if self.tick >= self.resume_at && robot.program().is_none() => DriveStatus::Ready,
+            Ok(()) if course.may_start() && robot.program().is_none() => DriveStatus::Ready,
             Ok(()) | Err(Unready::Mode(_)) => DriveStatus::Disabled,
             Err(Unready::Stopped(number)) => match SafetyMode::from_number(number) {
                 Ok(SafetyMode::ProtectiveStop | SafetyMode::Violation | SafetyMode::Fault) => DriveStatus::Failed,
@@ -302,95 +272,38 @@ impl UrDrive {
         }
     }
 
-    /// Takes an error that only loses the connection; others are for good.
-    fn survive(&mut self, result: Result<(), ClientError>) -> Result<(), LinkError> {
-        match result {
-            Ok(()) => Ok(()),
-            Err(ClientError::Closed | ClientError::Io(_) | ClientError::Connect { .. }) => {
-                self.lose();
-                Ok(())
-            }
-            // The robot fell silent meanwhile: the next receive tells.
-            Err(ClientError::Silent { .. }) => Ok(()),
-            Err(error) => Err(LinkError::device(error)),
+    fn silence(error: &mut ClientError) -> Option<&mut Duration> {
+        match error {
+            ClientError::Silent { after } => Some(after),
+            _ => None,
         }
     }
 
-    /// What acts on the links, N m; `before` is the state before.
-    fn link_torque(&self, before: &TorqueState) -> [f64; JOINTS] {
-        let (now, then) = (&self.state.robot, &before.robot);
-        let gravity = self.arm.bodies(&self.arm.frames(&now.actual_q)).gravity();
-        let time_s = (now.timestamp - then.timestamp).max(PERIOD_S);
-        std::array::from_fn(|j| {
-            let acceleration = (now.actual_qd[j] - then.actual_qd[j]) / time_s;
-            gravity[j] + self.state.motor_torque[j] - self.motors[j] * acceleration
-        })
-    }
-}
-
-impl Drive for UrDrive {
-    fn hello(&self) -> &DriveHello {
-        &self.hello
+    fn loses_connection(error: &ClientError) -> bool {
+        matches!(
+            error,
+            ClientError::Closed | ClientError::Io(_) | ClientError::Connect { .. }
+        )
     }
 
-    fn exchange(&mut self, command: Option<&DriveCommand>, state: &mut DriveState) -> Result<(), LinkError> {
-        self.missed = 0;
-        if !std::mem::take(&mut self.answered) {
-            if let Some(command) = command {
-                torques::<JOINTS>(&command.tau)?;
-            }
-            let carried_out = self.carry_out(command);
-            self.survive(carried_out)?;
-        }
-        let Some(client) = &mut self.client else {
-            return self.reconnect();
-        };
-        let before = self.state;
-        let received = if std::mem::take(&mut self.begun) {
-            Ok(())
-        } else {
-            client.receive(&mut self.state)
-        };
-        match received {
-            Ok(()) => self.arrived(&before),
-            Err(ClientError::Silent { after }) => {
-                self.heard_nothing(after);
-                if self.silent > GIVE_UP {
-                    return Err(LinkError::device(ClientError::Silent { after: self.silent }));
-                }
-                return Ok(());
-            }
-            Err(error) => {
-                self.survive(Err(error))?;
-                return self.reconnect();
-            }
-        }
-        state.session = self.hello.session;
-        state.tick = self.tick;
-        fill(&mut state.q, &self.state.robot.actual_q);
-        fill(&mut state.dq, &self.state.robot.actual_qd);
-        fill(&mut state.tau, &self.link_torque(&before));
-        state.status = self.status();
+    fn is_final(error: &ClientError) -> bool {
+        matches!(
+            error,
+            ClientError::NoTorques { .. } | ClientError::Protocol | ClientError::Wire(_)
+        )
+    }
+
+    fn is_connected(&self) -> bool {
+        self.client.is_some()
+    }
+
+    fn close(&mut self, course: &mut Course) {
+        self.client = None;
+        self.ended(course);
+    }
+
+    fn connect(&mut self) -> Result<(), ClientError> {
+        self.client = Some(self.options.open()?);
         Ok(())
-    }
-
-    fn answer(&mut self, command: &DriveCommand) -> Result<(), LinkError> {
-        torques::<JOINTS>(&command.tau)?;
-        let carried_out = self.carry_out(Some(command));
-        self.survive(carried_out)?;
-        self.answered = true;
-        Ok(())
-    }
-
-    fn missed(&self) -> u32 {
-        self.missed
-    }
-
-    fn monitor(&self) -> Option<Monitor> {
-        Some(self.recorder.monitor())
-    }
-
-    fn timing(&self) -> Option<LoopTiming> {
-        Some(LoopTiming::from(&self.recorder.record))
     }
 }

@@ -68,10 +68,7 @@ impl StateReader for UrReader {
             .map_err(|unready| LinkError::device(ur::ClientError::from(unready)))?;
         let first = *self.first.get_or_insert(state.timestamp);
         reading.time_s = state.timestamp - first;
-        reading.q.clear();
-        reading.q.extend_from_slice(&state.actual_q);
-        reading.tau.clear();
-        reading.unsigned_tau.clear();
+        reading.set(&state.actual_q, &[], &[]);
         reading.commanded = state
             .program()
             .map(|words| format!("a program runs on the robot (runtime_state is {words})"));

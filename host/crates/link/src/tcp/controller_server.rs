@@ -10,7 +10,7 @@
 //! frame for 5 s, or that does not read. In lock-step a host that has earned its place may be silent, because nothing
 //! moves; after 5 s it gives way to another one that sends a frame.
 
-use std::io::{ErrorKind, Read, Write};
+use std::io::{ErrorKind, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
@@ -21,6 +21,7 @@ use super::TcpError;
 use super::greeting::{WHO, gives_way, hello_frame};
 use super::lobby::{Candidate, Lobby, Look};
 use super::progress::FrameWatch;
+use super::stream::read_some;
 use super::turns::Turns;
 use crate::{Device, LinkError, LocalDevice};
 use spherecal_budget::link::{NO_FRAME, READ, SILENT};
@@ -243,23 +244,9 @@ impl TurnHost {
 
     /// Reads what comes next, for a while.
     fn read(&mut self, buffer: &mut [u8]) -> Result<(), TcpError> {
-        match self.stream.read(buffer) {
-            Ok(0) => {
-                return Err(TcpError::Closed {
-                    peer: self.peer.clone(),
-                });
-            }
-            Ok(count) => {
-                self.turns.push(buffer.get(..count).unwrap_or_default());
-                self.turns.check(&self.peer)?;
-            }
-            Err(e)
-                if matches!(
-                    e.kind(),
-                    ErrorKind::Interrupted | ErrorKind::WouldBlock | ErrorKind::TimedOut
-                ) => {}
-            Err(e) => return Err(TcpError::of(&self.peer, e)),
-        }
+        let count = read_some(&mut self.stream, buffer).map_err(|e| TcpError::of(&self.peer, e))?;
+        self.turns.push(buffer.get(..count).unwrap_or_default());
+        self.turns.check(&self.peer)?;
         if self.turns.waiting() > 0 {
             let begun = *self.begun.get_or_insert_with(Instant::now);
             if begun.elapsed() >= NO_FRAME {
@@ -272,18 +259,14 @@ impl TurnHost {
         Ok(())
     }
 
+    /// The error of a write that failed.
     fn broken(&self, error: std::io::Error) -> TcpError {
-        broken(&self.peer, error)
+        if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) {
+            return TcpError::Deaf {
+                peer: self.peer.clone(),
+                seconds: READ.as_secs(),
+            };
+        }
+        TcpError::of(&self.peer, error)
     }
-}
-
-/// A write that failed.
-fn broken(peer: &str, error: std::io::Error) -> TcpError {
-    if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) {
-        return TcpError::Deaf {
-            peer: peer.to_owned(),
-            seconds: READ.as_secs(),
-        };
-    }
-    TcpError::of(peer, error)
 }

@@ -9,13 +9,14 @@
 //! a peer that connects and says nothing keeps nobody out, and one that sends noise costs its own connection alone.
 
 use std::collections::VecDeque;
-use std::io::{ErrorKind, Read as _, Write as _};
+use std::io::Write as _;
 use std::net::{SocketAddr, TcpListener, TcpStream};
 
 use spherecal_shared::protocol::frame::MAX_FRAME;
 
 use super::TcpError;
 use super::progress::FrameWatch;
+use super::stream::read_some;
 use spherecal_budget::link::{WAITING, WAITING_FRAMES};
 
 /// A peer that waits.
@@ -142,19 +143,15 @@ impl Candidate {
         let mut buffer = [0; MAX_FRAME];
         let mut spoke = false;
         while !spoke {
-            match self.stream.read(&mut buffer) {
-                Ok(0) => return Err(TcpError::Closed { peer: peer() }),
-                Ok(count) => {
-                    let came = buffer.get(..count).unwrap_or_default();
-                    self.bytes.extend_from_slice(came);
-                    spoke = self.watch.look(came);
-                    if !spoke && self.bytes.len() > WAITING_FRAMES * MAX_FRAME {
-                        return Err(self.watch.progress.babble(&peer()));
-                    }
-                }
-                Err(e) if e.kind() == ErrorKind::WouldBlock => break,
-                Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                Err(e) => return Err(TcpError::of(&peer(), e)),
+            let count = read_some(&mut self.stream, &mut buffer).map_err(|e| TcpError::of(&peer(), e))?;
+            if count == 0 {
+                break;
+            }
+            let came = buffer.get(..count).unwrap_or_default();
+            self.bytes.extend_from_slice(came);
+            spoke = self.watch.look(came);
+            if !spoke && self.bytes.len() > WAITING_FRAMES * MAX_FRAME {
+                return Err(self.watch.progress.babble(&peer()));
             }
         }
         // A look that finds nothing allocates nothing: a controller in real time looks in every period.

@@ -1,6 +1,6 @@
 //! Hosts of a controller in real time: whatever they do, each period is carried out.
 
-use std::io::{ErrorKind, Read as _, Write as _};
+use std::io::{ErrorKind, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
@@ -11,6 +11,7 @@ use super::TcpError;
 use super::greeting::{WHO, gives_way, hello_frame};
 use super::lobby::{Candidate, Lobby, Look};
 use super::progress::FrameWatch;
+use super::stream::read_some;
 use crate::{Device as _, LinkError, LocalDevice};
 use spherecal_budget::link::{BACKLOG_BYTES, FRAMES_DOWN, SILENT};
 
@@ -162,16 +163,9 @@ impl Host {
         let mut buffer = [0; MAX_FRAME];
         down.append(&mut self.early);
         while down.len() < FRAMES_DOWN * MAX_FRAME {
-            match self.stream.read(&mut buffer) {
-                Ok(0) => {
-                    return Err(TcpError::Closed {
-                        peer: self.peer.clone(),
-                    });
-                }
-                Ok(count) => down.extend_from_slice(buffer.get(..count).unwrap_or_default()),
-                Err(e) if e.kind() == ErrorKind::WouldBlock => break,
-                Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                Err(e) => return Err(TcpError::of(&self.peer, e)),
+            match read_some(&mut self.stream, &mut buffer).map_err(|e| TcpError::of(&self.peer, e))? {
+                0 => break,
+                count => down.extend_from_slice(buffer.get(..count).unwrap_or_default()),
             }
         }
         if self.watch.look(down) {

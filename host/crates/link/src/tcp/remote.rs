@@ -1,6 +1,6 @@
 //! The host's end of a controller that runs in another process.
 
-use std::io::{ErrorKind, Read, Write};
+use std::io::{ErrorKind, Write};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -9,7 +9,7 @@ use spherecal_shared::protocol::host::Uplink;
 
 use super::controller_server::serve_own_host;
 use super::progress::FrameWatch;
-use super::stream::Stream;
+use super::stream::{Stream, read_some};
 use super::turns::Turns;
 use super::wire::Wire;
 use super::{TcpError, listen};
@@ -178,23 +178,9 @@ impl Remote {
                     damaged: 0,
                 });
             }
-            match self.stream.read(&mut self.buffer) {
-                Ok(0) => {
-                    return Err(TcpError::Closed {
-                        peer: self.peer.clone(),
-                    });
-                }
-                Ok(count) => {
-                    self.turns.push(self.buffer.get(..count).unwrap_or_default());
-                    self.turns.check(&self.peer)?;
-                }
-                Err(e)
-                    if matches!(
-                        e.kind(),
-                        ErrorKind::Interrupted | ErrorKind::WouldBlock | ErrorKind::TimedOut
-                    ) => {}
-                Err(e) => return Err(TcpError::of(&self.peer, e)),
-            }
+            let count = read_some(&mut self.stream, &mut self.buffer).map_err(|e| TcpError::of(&self.peer, e))?;
+            self.turns.push(self.buffer.get(..count).unwrap_or_default());
+            self.turns.check(&self.peer)?;
         }
     }
 }

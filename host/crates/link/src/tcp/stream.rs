@@ -1,6 +1,6 @@
 //! What frames travel on: a TCP connection, or a serial port.
 
-use std::io::{Read, Result, Write};
+use std::io::{ErrorKind, Read, Result, Write};
 use std::net::TcpStream;
 use std::time::Duration;
 
@@ -8,6 +8,22 @@ use serial2::SerialPort;
 
 /// The longest time that a serial port waits: it cannot wait for ever.
 const FOR_EVER: Duration = Duration::from_hours(24);
+
+/// Reads what has come within the time limit: how many bytes, 0 if none. A closed connection is the error `UnexpectedEof`.
+pub(super) fn read_some(stream: &mut impl Read, buffer: &mut [u8]) -> Result<usize> {
+    match stream.read(buffer) {
+        Ok(0) => Err(ErrorKind::UnexpectedEof.into()),
+        Err(error)
+            if matches!(
+                error.kind(),
+                ErrorKind::Interrupted | ErrorKind::WouldBlock | ErrorKind::TimedOut
+            ) =>
+        {
+            Ok(0)
+        }
+        other => other,
+    }
+}
 
 /// A stream of bytes both ways.
 pub(super) enum Stream {

@@ -58,25 +58,19 @@ impl RobotService {
 }
 
 /// Reads telemetry from the controller's bytes, for observers.
-struct Ear {
-    accumulator: Accumulator,
-}
-
-impl Ear {
-    fn hear(&mut self, bytes: &[u8], newest: &Newest) {
-        if newest.receiver_count() == 0 {
-            return;
-        }
-        for &byte in bytes {
-            self.accumulator.push(byte, &mut |frame| {
-                if let Ok((_, uplink)) = frame.and_then(frame::decode::<Uplink>)
-                    && let Event::Telemetry(samples) = &uplink.body
-                    && let Some(sample) = samples.last()
-                {
-                    newest.send_replace(Some(*sample));
-                }
-            });
-        }
+fn hear(accumulator: &mut Accumulator, bytes: &[u8], newest: &Newest) {
+    if newest.receiver_count() == 0 {
+        return;
+    }
+    for &byte in bytes {
+        accumulator.push(byte, &mut |frame| {
+            if let Ok((_, uplink)) = frame.and_then(frame::decode::<Uplink>)
+                && let Event::Telemetry(samples) = &uplink.body
+                && let Some(sample) = samples.last()
+            {
+                newest.send_replace(Some(*sample));
+            }
+        });
     }
 }
 
@@ -112,12 +106,7 @@ impl RobotController for RobotService {
         tokio::spawn(async move {
             let Some(device) = held.as_mut() else { return };
             let (begun_us, begun_ticks) = (device.now_us(), device.ticks());
-            let (mut up, mut ear) = (
-                Vec::new(),
-                Ear {
-                    accumulator: Accumulator::new(),
-                },
-            );
+            let (mut up, mut accumulator) = (Vec::new(), Accumulator::new());
             // However the client disconnects, the robot stays where it is and holds.
             while let Ok(Some(turn)) = turns.message().await {
                 up.clear();
@@ -125,7 +114,7 @@ impl RobotController for RobotService {
                     Some(place) => Ok(device.move_plate(place)),
                     None => device.step(&turn.frames, &mut up).map(|()| false),
                 };
-                ear.hear(&up, &newest);
+                hear(&mut accumulator, &up, &newest);
                 let failed = stepped.is_err();
                 let answer = stepped
                     .map(|plate_moved| ControllerTurn {

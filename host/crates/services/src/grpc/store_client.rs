@@ -78,31 +78,7 @@ impl RemoteStore {
         }
     }
 
-    fn create_run(&mut self, new: &NewRun) -> Result<i64, ServiceError> {
-        let message = convert::new_run_out(new).map_err(|e| self.nonsense(e))?;
-        Ok(self.ask(async |c| c.create_run(message).await)?.run)
-    }
-
-    fn begin_session(&mut self, run: i64, started_utc: &str) -> Result<i64, ServiceError> {
-        let message = BeginSessionRequest {
-            run,
-            started_utc: started_utc.to_owned(),
-        };
-        Ok(self.ask(async |c| c.begin_session(message).await)?.session)
-    }
-
-    fn end_session(&mut self, run: i64, session: i64, end: &SessionEnd) -> Result<(), ServiceError> {
-        let message = convert::session_out(run, session, end);
-        self.ask(async |c| c.end_session(message).await).map(|_| ())
-    }
-
-    fn set_state(&mut self, run: i64, state: &str) -> Result<(), ServiceError> {
-        let state = state.to_owned();
-        self.ask(async |c| c.set_state(RunState { run, state }).await)
-            .map(|_| ())
-    }
-
-    fn write_events(&mut self, run: i64, events: &[Placed<'_>], rewrite: bool) -> Result<(), ServiceError> {
+    fn write_events(&mut self, run: i64, events: &[Placed<'_>], rewrite: bool) -> Result<(), StoreError> {
         let events: Vec<_> = events
             .iter()
             .filter_map(|placed| {
@@ -117,88 +93,26 @@ impl RemoteStore {
         if events.is_empty() {
             return Ok(());
         }
-        self.ask(async |c| c.append(EventBatch { run, events, rewrite }).await)
-            .map(|_| ())
+        self.ask(async |c| c.append(EventBatch { run, events, rewrite }).await)?;
+        Ok(())
     }
 
-    fn forget_after(&mut self, run: i64, session: i64, event: i64) -> Result<(), ServiceError> {
-        self.ask(async |c| c.forget_after(EventPlace { run, session, event }).await)
-            .map(|_| ())
-    }
-
-    fn put_handshake(&mut self, run: i64, session: i64, handshake: i64, nonce: u32) -> Result<(), ServiceError> {
-        let message = Handshake {
-            run,
-            session,
-            handshake,
-            nonce,
-        };
-        self.ask(async |c| c.put_handshake(message).await).map(|_| ())
-    }
-
-    fn reject_pose(&mut self, run: i64, sphere: u32, pose: u32, reason: &str) -> Result<(), ServiceError> {
-        let message = Rejection {
-            run,
-            sphere,
-            pose,
-            reason: reason.to_owned(),
-        };
-        self.ask(async |c| c.reject_pose(message).await).map(|_| ())
-    }
-
-    fn put_laser(&mut self, run: i64, shots: &[LaserShot]) -> Result<(), ServiceError> {
-        let shots = convert::laser_out(shots);
-        self.ask(async |c| c.put_laser(LaserShots { run, shots }).await)
-            .map(|_| ())
-    }
-
-    fn put_result(&mut self, run: i64, name: &str, json: &str) -> Result<(), ServiceError> {
-        let message = StoredResult {
-            run,
-            name: name.to_owned(),
-            json: json.to_owned(),
-        };
-        self.ask(async |c| c.put_result(message).await).map(|_| ())
-    }
-
-    fn result(&mut self, run: i64, name: &str) -> Result<Option<String>, ServiceError> {
-        let name = name.to_owned();
-        let answer = self.ask(async |c| c.get_result(ResultName { run, name }).await)?;
-        Ok(Some(answer.json).filter(|json| !json.is_empty()))
-    }
-
-    /// The newest run.
-    fn newest_run(&mut self) -> Result<Option<RunInfo>, ServiceError> {
-        let request = ListRunsRequest {
-            last: true,
-            ..ListRunsRequest::default()
-        };
-        Ok(self.list(request)?.pop())
-    }
-
-    /// Runs of one arm, or of all if `arm` is empty, oldest first.
-    fn runs_of(&mut self, arm: &str) -> Result<Vec<RunInfo>, ServiceError> {
-        self.list(ListRunsRequest {
-            arm: arm.to_owned(),
-            last: false,
-        })
-    }
-
-    fn list(&mut self, request: ListRunsRequest) -> Result<Vec<RunInfo>, ServiceError> {
+    fn list(&mut self, request: ListRunsRequest) -> Result<Vec<RunInfo>, StoreError> {
         let answer = self.ask(async |c| c.list_runs(request).await)?;
-        answer.runs.into_iter().map(|run| self.run_info(run)).collect()
+        let runs = answer.runs.into_iter().map(|run| self.run_info(run));
+        Ok(runs.collect::<Result<_, _>>()?)
     }
 
     fn run_info(&self, run: Run) -> Result<RunInfo, ServiceError> {
         let about = run.about.ok_or_else(|| self.nonsense("a run without a description"))?;
-        let json = |field: &str, e: serde_json::Error| self.nonsense(format!("{field}: {e}"));
+        let about = convert::new_run(about).map_err(|e| self.nonsense(e))?;
         Ok(RunInfo {
             run: run.run,
             created_utc: about.created_utc,
             seed: about.seed,
             link: about.link,
-            robot: serde_json::from_str(&about.robot_json).map_err(|e| json("robot_json", e))?,
-            tool: serde_json::from_str(&about.tool_json).map_err(|e| json("tool_json", e))?,
+            robot: about.robot,
+            tool: about.tool,
             config_toml: about.config_toml,
             plan_json: about.plan_json,
             program: about.program,
@@ -244,11 +158,12 @@ impl RemoteStore {
     }
 }
 
-/// Converts an error of the service to one of the store.
-fn remote(error: ServiceError) -> StoreError {
-    StoreError::Remote {
-        input: error.is_input(),
-        source: Box::new(error),
+impl From<ServiceError> for StoreError {
+    fn from(error: ServiceError) -> Self {
+        Self::Remote {
+            input: error.is_input(),
+            source: Box::new(error),
+        }
     }
 }
 
@@ -270,65 +185,106 @@ impl CalibrationStore for RemoteStore {
     }
 
     fn create_run(&mut self, new: &NewRun) -> Result<i64, StoreError> {
-        let run = RemoteStore::create_run(self, new).map_err(remote)?;
+        let message = convert::new_run_out(new).map_err(|e| self.nonsense(e))?;
+        let run = self.ask(async |c| c.create_run(message).await)?.run;
         self.chosen = Some(run);
         Ok(run)
     }
 
     fn newest_run(&mut self) -> Result<Option<RunInfo>, StoreError> {
-        RemoteStore::newest_run(self).map_err(remote)
+        let request = ListRunsRequest {
+            last: true,
+            ..ListRunsRequest::default()
+        };
+        Ok(self.list(request)?.pop())
     }
 
     fn runs_of(&mut self, arm: &str) -> Result<Vec<RunInfo>, StoreError> {
-        RemoteStore::runs_of(self, arm).map_err(remote)
+        self.list(ListRunsRequest {
+            arm: arm.to_owned(),
+            last: false,
+        })
     }
 
     fn read_run(&mut self, run: i64) -> Result<StoredRun, StoreError> {
-        self.read(run).map_err(remote)
+        Ok(self.read(run)?)
     }
 
     fn begin_session(&mut self, run: i64, started_utc: &str) -> Result<i64, StoreError> {
         self.chosen = Some(run);
-        RemoteStore::begin_session(self, run, started_utc).map_err(remote)
+        let message = BeginSessionRequest {
+            run,
+            started_utc: started_utc.to_owned(),
+        };
+        Ok(self.ask(async |c| c.begin_session(message).await)?.session)
     }
 
     fn end_session(&mut self, run: i64, session: i64, end: &SessionEnd) -> Result<(), StoreError> {
-        RemoteStore::end_session(self, run, session, end).map_err(remote)
+        let message = convert::session_out(run, session, end);
+        self.ask(async |c| c.end_session(message).await)?;
+        Ok(())
     }
 
     fn set_state(&mut self, run: i64, state: &str) -> Result<(), StoreError> {
-        RemoteStore::set_state(self, run, state).map_err(remote)
+        let state = state.to_owned();
+        self.ask(async |c| c.set_state(RunState { run, state }).await)?;
+        Ok(())
     }
 
     fn put_handshake(&mut self, run: i64, session: i64, handshake: i64, nonce: u32) -> Result<(), StoreError> {
-        RemoteStore::put_handshake(self, run, session, handshake, nonce).map_err(remote)
+        let message = Handshake {
+            run,
+            session,
+            handshake,
+            nonce,
+        };
+        self.ask(async |c| c.put_handshake(message).await)?;
+        Ok(())
     }
 
     fn append(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
-        self.write_events(run, events, false).map_err(remote)
+        self.write_events(run, events, false)
     }
 
     fn rewrite(&mut self, run: i64, events: &[Placed<'_>]) -> Result<(), StoreError> {
-        self.write_events(run, events, true).map_err(remote)
+        self.write_events(run, events, true)
     }
 
-    fn forget_after(&mut self, run: i64, session: i64, last: i64) -> Result<(), StoreError> {
-        RemoteStore::forget_after(self, run, session, last).map_err(remote)
+    fn forget_after(&mut self, run: i64, session: i64, event: i64) -> Result<(), StoreError> {
+        self.ask(async |c| c.forget_after(EventPlace { run, session, event }).await)?;
+        Ok(())
     }
 
     fn reject_pose(&mut self, run: i64, sphere: u32, pose: u32, reason: &str) -> Result<(), StoreError> {
-        RemoteStore::reject_pose(self, run, sphere, pose, reason).map_err(remote)
+        let message = Rejection {
+            run,
+            sphere,
+            pose,
+            reason: reason.to_owned(),
+        };
+        self.ask(async |c| c.reject_pose(message).await)?;
+        Ok(())
     }
 
     fn put_laser(&mut self, run: i64, shots: &[LaserShot]) -> Result<(), StoreError> {
-        RemoteStore::put_laser(self, run, shots).map_err(remote)
+        let shots = convert::laser_out(shots);
+        self.ask(async |c| c.put_laser(LaserShots { run, shots }).await)?;
+        Ok(())
     }
 
     fn put_result(&mut self, run: i64, name: &str, json: &str) -> Result<(), StoreError> {
-        RemoteStore::put_result(self, run, name, json).map_err(remote)
+        let message = StoredResult {
+            run,
+            name: name.to_owned(),
+            json: json.to_owned(),
+        };
+        self.ask(async |c| c.put_result(message).await)?;
+        Ok(())
     }
 
     fn result(&mut self, run: i64, name: &str) -> Result<Option<String>, StoreError> {
-        RemoteStore::result(self, run, name).map_err(remote)
+        let name = name.to_owned();
+        let answer = self.ask(async |c| c.get_result(ResultName { run, name }).await)?;
+        Ok(Some(answer.json).filter(|json| !json.is_empty()))
     }
 }

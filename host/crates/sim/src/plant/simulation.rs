@@ -150,6 +150,14 @@ impl<const N: usize> Plant<N> {
         let spheres: heapless::Vec<_, MAX_SPHERES> = world.spheres.clone();
         let centroid = centroid_of(&spheres);
         let settle = config.compliance.settling_s;
+        let before = Sensed {
+            tick: 0,
+            q: *q,
+            dq: [0.0; N],
+            tau: [0.0; N],
+            saturated: false,
+            refused: false,
+        };
         let mut plant = Self {
             nest: Nest::new(&config.nest, config.cell.plate.sphere_radius_m),
             sphere_homes: spheres,
@@ -167,14 +175,7 @@ impl<const N: usize> Plant<N> {
             },
             tick: 0,
             last_tau: gravity,
-            last: Sensed {
-                tick: 0,
-                q: *q,
-                dq: [0.0; N],
-                tau: [0.0; N],
-                saturated: false,
-                refused: false,
-            },
+            last: before,
             transmitted: gravity,
             deflecting: gravity.data.0[0],
             lead: core::array::from_fn(|i| world.motor_angles(q)[i] - q[i]),
@@ -182,14 +183,7 @@ impl<const N: usize> Plant<N> {
             traced: link,
             remembers: world.memory.iter().any(|m| !m.is_off()),
             delays: Delays::new(config.drive, stream(config.seed, Stream::Delay), gravity),
-            shown: Sensed {
-                tick: 0,
-                q: *q,
-                dq: [0.0; N],
-                tau: [0.0; N],
-                saturated: false,
-                refused: false,
-            },
+            shown: before,
             drifted: Vector3::zeros(),
             bend: Vector3::zeros(),
             seat: Vector3::zeros(),

@@ -26,6 +26,8 @@ use crate::{JOINTS, PERIOD_S};
 const TORQUE_RATE: f64 = 1000.0;
 /// Rounding of the client's arithmetic that is no jump, N m.
 const ROUNDING: f64 = 1e-5;
+/// Periods that a client has for its first command of a motion.
+const FIRST_COMMAND: u32 = 100;
 /// Commands that the success rate counts.
 const WINDOW: usize = 100;
 
@@ -266,7 +268,7 @@ impl RobotSupervisor {
         let Some(motion) = &mut self.motion else { return };
         if !motion.begun && answer.is_none() {
             motion.missing_in_row += 1;
-            if motion.missing_in_row >= tolerance.first_command {
+            if motion.missing_in_row >= FIRST_COMMAND {
                 self.reflex(ErrorFlag::CommunicationConstraintsViolation);
             }
             return;

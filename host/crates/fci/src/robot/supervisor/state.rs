@@ -31,7 +31,6 @@ impl RobotSupervisor {
         let desired = own.map_or_else(|| Desired::at_rest(arm.q), |motion| motion.desired);
         state.O_T_EE_d = product(&flange(&desired.q), &state.F_T_EE);
         state.O_T_EE_c = state.O_T_EE_d;
-        state.m_ee = self.config.end_effector_mass;
         state.m_load = self.load.mass;
         state.F_x_Cload = self.load.centre_of_mass;
         state.I_load = self.load.inertia;

@@ -203,11 +203,11 @@ fn statuses_have_the_documented_numbers() {
     assert_eq!(number(S::IncompatibleVersion, CommandKind::Connect, Version::V5), 1);
     for version in Version::ALL {
         for command in CommandKind::all(version) {
-            for (n, status) in Status::all(*command, version).iter().enumerate() {
-                assert_eq!(status.number(*command, version), n as u8);
-                assert_eq!(Status::from_number(n as u8, *command, version), Ok(*status));
+            for (n, status) in Status::all(command, version).enumerate() {
+                assert_eq!(status.number(command, version), n as u8);
+                assert_eq!(Status::from_number(n as u8, command, version), Ok(status));
             }
-            assert!(Status::from_number(200, *command, version).is_err());
+            assert!(Status::from_number(200, command, version).is_err());
         }
     }
 }

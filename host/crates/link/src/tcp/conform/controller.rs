@@ -5,12 +5,10 @@ use std::time::{Duration, Instant};
 use spherecal_shared::protocol::drive::DriveHello;
 use spherecal_shared::protocol::host::{Command, Downlink, Event, SessionId, Uplink};
 
-use super::probe::{OWED, Probe, QUIET, framed, hex};
+use super::probe::{OWED, Probe, QUIET, damaged, framed, hex};
 use super::{Finding, Sentence, ask};
 use crate::check_hello;
 
-/// How long a peer may take to close a connection.
-const CLOSES: Duration = Duration::from_secs(8);
 /// Turns of a sentence about several of them.
 const TURNS: usize = 20;
 /// The session of this host, and one of another.
@@ -53,27 +51,14 @@ const SENTENCES: [Sentence; 8] = [
     }),
     ("A damaged frame is counted and ignored.", |address| {
         let mut host = Host::begin(address)?;
-        let mut bytes = framed(&command(SESSION, 2), 9)?;
-        let middle = bytes.len() / 2;
-        if let Some(byte) = bytes.get_mut(middle) {
-            *byte ^= if *byte == 0x10 { 0x20 } else { 0x10 };
-        }
+        let bytes = damaged(framed(&command(SESSION, 2), 9)?);
         host.turn(&bytes)
             .map_err(|seen| format!("after {}: {seen}", hex(&bytes)))?;
         host.reply(&command(SESSION, 2)).map(|_| ())
     }),
     (
         "A host that sends bytes and no valid frame for 5 s or for 1 MiB is disconnected.",
-        |address| {
-            let mut host = Host::begin(address)?;
-            let noise = [0x41; 1 << 12];
-            for _ in 0..=(1 << 20) / noise.len() {
-                if host.probe.write(&noise).is_err() {
-                    return Ok(());
-                }
-            }
-            host.probe.expect_close(CLOSES)
-        },
+        |address| Host::begin(address)?.probe.expect_close_after_noise(),
     ),
     ("The controller then serves the next host.", |address| {
         drop(Host::begin(address)?);

@@ -1,16 +1,14 @@
 //! The sentences of `docs/drive-link.md` that a drive can be asked for.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, NO_SESSION};
 use spherecal_shared::protocol::host::{Command, Downlink};
 
-use super::probe::{OWED, Probe, QUIET, framed, hex};
+use super::probe::{OWED, Probe, QUIET, damaged, framed, hex};
 use super::{Finding, Sentence, ask};
 use crate::check_hello;
 
-/// How long a peer may take to close a connection: 5 s without a valid frame, and what a busy machine adds.
-const CLOSES: Duration = Duration::from_secs(8);
 /// Periods of a sentence about several of them.
 const PERIODS: u64 = 20;
 /// How far a joint may move while its brakes are closed, in rad: a hundred steps of a usual encoder.
@@ -116,12 +114,7 @@ const SENTENCES: [Sentence; 14] = [
     ),
     ("A damaged frame is counted and ignored.", |address| {
         let mut talk = Talk::begin(address)?;
-        let mut bytes = framed(&talk.command(), 7)?;
-        let middle = bytes.len() / 2;
-        if let Some(byte) = bytes.get_mut(middle) {
-            // Not to zero, which would end the frame.
-            *byte ^= if *byte == 0x10 { 0x20 } else { 0x10 };
-        }
+        let bytes = damaged(framed(&talk.command(), 7)?);
         talk.probe.write(&bytes)?;
         talk.step().map_err(|seen| format!("after {}: {seen}", hex(&bytes)))
     }),
@@ -168,21 +161,11 @@ const SENTENCES: [Sentence; 14] = [
             command: Command::KeepAlive,
         };
         talk.probe.send(&unknown)?;
-        talk.probe.expect_close(CLOSES)
+        talk.probe.expect_close()
     }),
     (
         "Bytes without a valid frame for 5 s or 1 MiB close the connection.",
-        |address| {
-            let mut talk = Talk::begin(address)?;
-            // The writes fail when the other side has closed.
-            let noise = [0x41; 1 << 12];
-            for _ in 0..=(1 << 20) / noise.len() {
-                if talk.probe.write(&noise).is_err() {
-                    return Ok(());
-                }
-            }
-            talk.probe.expect_close(CLOSES)
-        },
+        |address| Talk::begin(address)?.probe.expect_close_after_noise(),
     ),
     ("Far more messages than one a period close the connection.", |address| {
         let mut talk = Talk::begin(address)?;
@@ -190,13 +173,7 @@ const SENTENCES: [Sentence; 14] = [
             tick: talk.state.tick.wrapping_add(1_000_000),
             ..talk.command()
         };
-        let many = framed(&old, 1)?.repeat(100);
-        for _ in 0..200 {
-            if talk.probe.write(&many).is_err() {
-                return Ok(());
-            }
-        }
-        talk.probe.expect_close(CLOSES)
+        talk.probe.expect_close_after(&framed(&old, 1)?.repeat(100), 200)
     }),
 ];
 

@@ -8,6 +8,8 @@ use std::time::{Duration, Instant};
 
 use spherecal_shared::protocol::frame::{self, Accumulator, Header, MAX_FRAME, Message};
 
+/// How long a peer may take to close a connection: 5 s without a valid frame, and what a busy machine adds.
+pub(super) const CLOSES: Duration = Duration::from_secs(8);
 /// How long nothing may come where nothing is owed.
 pub(super) const QUIET: Duration = Duration::from_millis(300);
 /// Most bytes that are printed.
@@ -47,6 +49,15 @@ pub(super) fn framed<M: Message>(message: &M, sequence: u32) -> Result<Vec<u8>, 
     let length = frame::encode(message, sequence, 0, &mut out).map_err(|error| error.to_string())?;
     out.truncate(length);
     Ok(out)
+}
+
+/// A frame that is damaged in its middle, but not by a zero, which would end it.
+pub(super) fn damaged(mut frame: Vec<u8>) -> Vec<u8> {
+    let middle = frame.len() / 2;
+    if let Some(byte) = frame.get_mut(middle) {
+        *byte ^= if *byte == 0x10 { 0x20 } else { 0x10 };
+    }
+    frame
 }
 
 /// One connection to a peer.
@@ -152,16 +163,30 @@ impl Probe {
     }
 
     /// Fails if the peer does not close the connection, whatever else it sends.
-    pub(super) fn expect_close(&mut self, most: Duration) -> Result<(), String> {
+    pub(super) fn expect_close(&mut self) -> Result<(), String> {
         let begun = Instant::now();
-        while begun.elapsed() < most {
+        while begun.elapsed() < CLOSES {
             self.came.clear();
             self.raw.clear();
-            self.read(most.saturating_sub(begun.elapsed()));
+            self.read(CLOSES.saturating_sub(begun.elapsed()));
             if self.closed {
                 return Ok(());
             }
         }
-        Err(format!("the connection is open after {:.0} s", most.as_secs_f64()))
+        Err(format!("the connection is open after {:.0} s", CLOSES.as_secs_f64()))
+    }
+
+    /// Sends these bytes so many times. Fails if the peer does not close the connection.
+    pub(super) fn expect_close_after(&mut self, bytes: &[u8], times: usize) -> Result<(), String> {
+        // The writes fail when the other side has closed.
+        if (0..times).any(|_| self.write(bytes).is_err()) {
+            return Ok(());
+        }
+        self.expect_close()
+    }
+
+    /// Sends 1 MiB without a valid frame. Fails if the peer does not close the connection.
+    pub(super) fn expect_close_after_noise(&mut self) -> Result<(), String> {
+        self.expect_close_after(&[0x41; 1 << 12], (1 << 8) + 1)
     }
 }
