@@ -22,7 +22,8 @@ pub struct RunArgs {
     /// Poses over all spheres.
     #[arg(long, help_heading = "Plan", value_name = "N", conflicts_with = "paper")]
     pub poses: Option<usize>,
-    /// Plan as few poses as are predicted to reach this mean error of the TCP, in mm.
+    /// Mean error of the TCP that the result must surely keep, in mm. As few poses are planned as are predicted to reach it,
+    /// and the run ends before the last of them once its evaluation says that it is reached.
     #[arg(long, help_heading = "Plan", value_name = "MM", conflicts_with_all = ["poses", "paper"])]
     pub accuracy_mm: Option<f64>,
     /// Use the paper's whole grid: 625 poses per sphere, as far as the arm reaches.
@@ -67,8 +68,9 @@ pub struct RunArgs {
     /// --show PRESET` prints one).
     #[arg(long, help_heading = "Connection", value_name = "FILE.toml|PRESET")]
     pub inject: Option<String>,
-    /// Continue the last run in --out at the pose where it stopped.
-    #[arg(long, help_heading = "Results", conflicts_with_all = ["poses", "accuracy_mm", "paper", "config", "robot", "seed", "preset", "waypoints"])]
+    /// Continue the last run in --out at the pose where it stopped. With --accuracy-mm also a run that ended because a
+    /// worse accuracy was reached.
+    #[arg(long, help_heading = "Results", conflicts_with_all = ["poses", "paper", "config", "robot", "seed", "preset", "waypoints"])]
     pub resume: bool,
     /// Show the run on a web page while it lasts. A port alone serves this machine only; port 0
     /// takes any free port.

@@ -22,7 +22,7 @@ pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
     out!("{}", text::plan(&prepared.plan));
     if let Some(wanted_mm) = prepared.config.plan.accuracy_mm {
         outln!(
-            "A mean error of {wanted_mm} mm takes {} poses.",
+            "A mean error that is surely below {wanted_mm} mm takes about {} poses; the run ends once it is reached.",
             prepared.plan.recorded()
         );
     }

@@ -285,7 +285,7 @@ fn resumed(
 ) -> Result<(Box<dyn CalibrationStore>, PreparedRun, Option<RunInfo>), CliError> {
     let mut store = open_store(&args.database(), false)?;
     store.verify()?;
-    let info = store.require_run_of(args.arm.as_deref().unwrap_or_default())?;
+    let mut info = store.require_run_of(args.arm.as_deref().unwrap_or_default())?;
     if info.link != args.link.to_string() {
         return Err(JobError::Resume {
             what: format!("the last run used --link {}, not --link {}", info.link, args.link),
@@ -293,10 +293,13 @@ fn resumed(
         }
         .into());
     }
-    let mut prepared = job::prepare(&job::read(store.as_mut(), &info)?.config, simulator)?;
-    // Use the stored plan and waypoints, even if the planner would now choose others.
-    prepared.plan = job::read(store.as_mut(), &info)?.plan;
-    prepared.untaught = None;
+    let mut measured = job::read(store.as_mut(), &info)?;
+    if let Some(accuracy_mm) = args.accuracy_mm {
+        measured.config.plan.accuracy_mm = Some(accuracy_mm);
+        measured.config.check().map_err(JobError::from)?;
+        job::ask_accuracy(store.as_mut(), &mut info, accuracy_mm)?;
+    }
+    let prepared = job::recalled(&measured, simulator)?;
     Ok((store, prepared, Some(info)))
 }
 

@@ -35,6 +35,9 @@ pub(super) fn result(summary: &Summary, files: &[PathBuf]) -> String {
         summary.wall_s,
         summary.real_time_factor
     );
+    if let Some(ended) = &summary.ended_early {
+        let _ = writeln!(out, "Ended early: {}\n", ended.words());
+    }
     if let Some(drive) = &summary.drive {
         let _ = writeln!(out, "Real time: {}\n", drive.words());
     }

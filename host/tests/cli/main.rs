@@ -4,6 +4,7 @@
 //! What a feature brings is tested only where it is: `cargo test --workspace`
 //! builds all of them (spherecal-tests asks for them), `cargo test -p spherecal` none.
 
+mod accuracy;
 mod arguments;
 mod arms;
 mod bags;

@@ -2,12 +2,14 @@
 
 use std::collections::BTreeSet;
 
-use spherecal::campaign::{CampaignError, Outcome};
+use spherecal::campaign::{CampaignError, CampaignObserver, Outcome, RunOptions};
+use spherecal::link::Arrival;
 use spherecal::plan::Plan;
 use spherecal::sim::plant::PlantConfig;
-use spherecal_shared::protocol::host::Fault;
+use spherecal_shared::procedure::Procedure;
+use spherecal_shared::protocol::host::{Event, Fault, Phase};
 use spherecal_shared::robot::{Arm, iiwa7, iiwa7_tool};
-use spherecal_tests::plan::{Memory, carry_out, cell, plant, short_plan, solve};
+use spherecal_tests::plan::{Memory, carry_out, carry_out_observed, cell, plant, short_plan, solve};
 
 /// How far a waypoint is off that ends beside the sphere, in m: the nest's body
 /// ends 42 mm from its axis.
@@ -49,6 +51,63 @@ fn two_spheres_are_recorded_pose_by_pose() {
         outcome.contacts.iter().all(|c| c.force_n >= 7.5),
         "contact is declared at 7.5 N"
     );
+}
+
+/// Says after `poses` recordings that they are enough, and that only at the `asked`-th question.
+struct Enough {
+    poses: usize,
+    asked: u32,
+    recorded: usize,
+}
+
+impl CampaignObserver for Enough {
+    fn event(&mut self, _now_us: u64, arrival: &Arrival) {
+        self.recorded += usize::from(matches!(arrival.body, Event::Recording(_)));
+    }
+
+    fn enough(&mut self, _waits: bool) -> Option<bool> {
+        if self.recorded < self.poses {
+            return Some(false);
+        }
+        self.asked = self.asked.saturating_sub(1);
+        (self.asked == 0).then_some(true)
+    }
+}
+
+// Fails if a campaign that is told on a sphere that its recordings are enough records another pose, takes the next sphere,
+// stays on its sphere, or leaves out the second visit of the sphere that it measured; or if it does not wait for the answer.
+#[test]
+fn a_campaign_with_enough_recordings_ends_as_a_complete_one() {
+    let config = PlantConfig::typical();
+    let plan = short_plan(&config, &[0, 1], &TURNS);
+    let took_us = [1, 300].map(|asked| {
+        let mut enough = Enough {
+            poses: 2,
+            asked,
+            recorded: 0,
+        };
+        let (memory, outcome, result) = carry_out_observed(
+            &mut cell(plant(&config, &plan)),
+            &plan,
+            &BTreeSet::new(),
+            &Procedure::default(),
+            RunOptions::DEFAULT,
+            &mut enough,
+        );
+        result.expect("the campaign ends well");
+        let order: Vec<_> = memory.recordings.iter().map(|r| (r.sphere, r.pose)).collect();
+        assert_eq!(order, [(1, 0), (1, 1)]);
+        let coupled = |event: &&Event| matches!(event, Event::Coupled(_));
+        assert_eq!(memory.events.iter().filter(coupled).count(), 2, "and a second visit");
+        assert!(outcome.faults.is_empty(), "{:?}", outcome.faults);
+        let phases = memory.events.iter().rev().filter_map(|event| match event {
+            Event::Phase(change) => Some(change.phase),
+            _ => None,
+        });
+        assert_eq!(phases.take(2).collect::<Vec<_>>(), [Phase::Idle, Phase::Moving], "home");
+        outcome.simulated_us
+    });
+    assert!(took_us[1] > took_us[0] + 250_000, "{took_us:?}");
 }
 
 // Fails if a stop that needs no way over home is not reached straight from the one before, which saves time, or not as

@@ -93,6 +93,14 @@ pub trait CampaignObserver {
     fn plate(&mut self, _place: u32) -> Moved {
         Moved::Nobody
     }
+
+    /// Whether the recordings so far are enough. The campaign asks before every visit and every pose; after a yes it takes no
+    /// further pose, leaves its sphere, and ends as after its last pose. `None` where the answer is not known yet: the
+    /// campaign asks again one control period later. If the device `waits`, no time of the arm passes meanwhile, so the
+    /// answer must be waited for: else the run would depend on how fast it comes.
+    fn enough(&mut self, _waits: bool) -> Option<bool> {
+        Some(false)
+    }
 }
 
 /// Nobody watches.

@@ -19,7 +19,7 @@ use super::words::describe;
 use super::{Assignment, CampaignError};
 use spherecal_link::Device;
 use spherecal_link::Journal;
-use spherecal_plan::{PlannedPose, Visit};
+use spherecal_plan::Visit;
 
 /// How work at a sphere ended.
 enum AtSphere {
@@ -76,6 +76,8 @@ pub(super) struct Campaign<'a> {
     pub(super) done: BTreeSet<(u32, u32)>,
     pub(super) rejected: Vec<Rejected>,
     pub(super) recorded: usize,
+    /// Whether the recordings are enough before the last pose.
+    pub(super) enough: bool,
     pub(super) waypoints: Waypoints,
     pub(super) places: Places,
     pub(super) seats: Seats,
@@ -96,6 +98,7 @@ impl<'a> Campaign<'a> {
             done: assignment.done.clone(),
             rejected: Vec::new(),
             recorded: 0,
+            enough: false,
             places: Places::recall(assignment.plan, assignment.seated, waypoints.chain()),
             seats: Seats::recall(assignment.plan, assignment.seated, assignment.options.confirm_seats),
             waypoints,
@@ -195,6 +198,7 @@ impl<'a> Campaign<'a> {
         let (mut away, mut left) = (false, None);
         let mut stands = (!plan.several_places()).then_some(0);
         for (number, visit) in plan.spheres.iter().enumerate() {
+            self.with_reconnect(session, None, |campaign, session, _| campaign.ask_enough(session))?;
             if self.pending(visit).is_empty() {
                 continue;
             }
@@ -229,27 +233,6 @@ impl<'a> Campaign<'a> {
         session.drain(20)?;
         session.stage(CampaignStage::Done, 0, plan);
         Ok(())
-    }
-
-    /// Poses of a visit that are neither recorded nor given up, the poses to pass through on the
-    /// way, and those after the last: they lead to where the nest leaves the sphere.
-    fn pending<'s>(&self, visit: &'s Visit) -> Vec<&'s PlannedPose> {
-        let mut pending = Vec::new();
-        let mut passed = Vec::new();
-        for pose in &visit.poses {
-            if pose.via {
-                passed.push(pose);
-            } else if self.done.contains(&(visit.sphere_id, pose.id)) {
-                passed.clear();
-            } else {
-                pending.append(&mut passed);
-                pending.push(pose);
-            }
-        }
-        if !pending.is_empty() {
-            pending.append(&mut passed);
-        }
-        pending
     }
 
     /// All poses of one sphere, with as many attempts as are needed and allowed.
@@ -338,6 +321,10 @@ impl<'a> Campaign<'a> {
         let pending = self.pending(visit);
         let limit = 30.0 + p.turn.longest_settle_s() + 2e-3 * f64::from(p.record.samples);
         for pose in pending {
+            self.ask_enough(session)?;
+            if self.enough && !pose.via {
+                continue;
+            }
             session.recorded = None;
             session.passed = None;
             let command = Command::Pose(PoseCommand {

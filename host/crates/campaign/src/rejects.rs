@@ -1,4 +1,4 @@
-//! Counts the recordings of a campaign and the poses that it gives up.
+//! Counts the recordings of a campaign and the poses that it gives up, and says which are left.
 
 use spherecal_shared::protocol::host::FaultReport;
 
@@ -6,8 +6,48 @@ use super::CampaignError;
 use super::outcome::Rejected;
 use super::procedure::Campaign;
 use super::session::Session;
+use spherecal_plan::{PlannedPose, Visit};
 
 impl Campaign<'_> {
+    /// Poses of a visit that are neither recorded nor given up, the poses to pass through on the
+    /// way, and those after the last: they lead to where the nest leaves the sphere. None once the recordings are enough.
+    pub(super) fn pending<'s>(&self, visit: &'s Visit) -> Vec<&'s PlannedPose> {
+        if self.enough {
+            return Vec::new();
+        }
+        let mut pending = Vec::new();
+        let mut passed = Vec::new();
+        for pose in &visit.poses {
+            if pose.via {
+                passed.push(pose);
+            } else if self.done.contains(&(visit.sphere_id, pose.id)) {
+                passed.clear();
+            } else {
+                pending.append(&mut passed);
+                pending.push(pose);
+            }
+        }
+        if !pending.is_empty() {
+            pending.append(&mut passed);
+        }
+        pending
+    }
+
+    /// Asks whether the recordings so far are enough, and waits for the answer.
+    pub(super) fn ask_enough(&mut self, session: &mut Session<'_>) -> Result<(), CampaignError> {
+        while !self.enough {
+            match session.enough() {
+                Some(false) => break,
+                Some(true) => self.enough = true,
+                None => {
+                    session.check_interrupt()?;
+                    session.step()?;
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// Counts the latest recording, if it is new.
     pub(super) fn count(&mut self, session: &mut Session<'_>) {
         let Some(recording) = session.recorded.take() else {

@@ -172,6 +172,11 @@ impl<'a> Session<'a> {
         self.observer.progress(&self.progress);
     }
 
+    /// Whether the recordings so far are enough, as the observer says.
+    pub(super) fn enough(&mut self) -> Option<bool> {
+        self.observer.enough(self.cell.waits())
+    }
+
     /// The newest sample of the control loop.
     pub(super) fn sample(&self) -> Option<Sample> {
         self.samples.last().copied()

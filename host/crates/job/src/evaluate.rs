@@ -5,8 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use spherecal_shared::protocol::host::{Contact, Coupled, FaultReport, Recording};
 use spherecal_shared::robot::{Robot, Tool};
 
+use super::early_end::EarlyEnding;
 use super::link_record::LinkRecord;
-use super::{Config, ConfigError, JobError, Link, Simulator};
+use super::{Config, ConfigError, JobError, Link, PreparedRun, Simulator};
 use spherecal_identify::arcs::{Measured, MeasuredArc};
 use spherecal_identify::causes::Course;
 use spherecal_identify::evaluate::EvaluationStep;
@@ -47,6 +48,8 @@ pub struct Measurements {
     pub faults: Vec<FaultReport>,
     /// Laser shots; none without a tracker.
     pub laser: Vec<LaserShot>,
+    /// Why it ended before its last planned pose, if the accuracy that was asked for was reached there.
+    pub ended_early: Option<EarlyEnding>,
     /// What host and controller counted on the host link.
     pub link: LinkRecord,
     /// Device time, in s.
@@ -56,6 +59,29 @@ pub struct Measurements {
 }
 
 impl Measurements {
+    /// Those of a run before its first pose.
+    pub fn before(prepared: &PreparedRun, link: &Link) -> Self {
+        Self {
+            seed: prepared.config.seed,
+            link_name: link.to_string(),
+            robot: prepared.robot.clone(),
+            tool: prepared.tool,
+            config: prepared.config.clone(),
+            plan: prepared.plan.clone(),
+            spheres: prepared.spheres.clone(),
+            recordings: Vec::new(),
+            rejected: BTreeSet::new(),
+            contacts: Vec::new(),
+            couplings: Vec::new(),
+            faults: Vec::new(),
+            laser: Vec::new(),
+            ended_early: None,
+            link: LinkRecord::default(),
+            simulated_s: 0.0,
+            wall_s: 0.0,
+        }
+    }
+
     /// Whether the arm was a simulation: in this program, or behind a drive that said so in any
     /// session of the run.
     pub fn simulated(&self) -> bool {
@@ -105,7 +131,11 @@ impl Measurements {
                 validation: self.shots(LaserShot::VALIDATE),
             }),
             campaign: Some(CampaignRecord {
-                planned: self.plan.recorded(),
+                planned: match self.ended_early {
+                    // No later pose was wanted.
+                    Some(_) => self.recordings.len() + self.rejected.len(),
+                    None => self.plan.recorded(),
+                },
                 worst_seat_m: worst.map_or(0.0, |c| c.test_m),
                 worst_seat_sphere: worst.map(|c| c.sphere),
                 given_up: self.rejected.iter().copied().collect(),

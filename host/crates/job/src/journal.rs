@@ -11,6 +11,7 @@
 //! ends as that of an uninterrupted run.
 
 use std::collections::BTreeMap;
+use std::sync::mpsc::Sender;
 
 use spherecal_shared::protocol::host::{Event, Recording, SessionId};
 
@@ -31,6 +32,8 @@ pub struct StoreJournal<'a> {
     repetition: Option<Repetition>,
     last: i64,
     passed_over: u64,
+    /// Who hears what was stored.
+    told: Option<Sender<Event>>,
 }
 
 /// A run that is repeated from its start.
@@ -56,6 +59,7 @@ impl<'a> StoreJournal<'a> {
             repetition: None,
             last: 0,
             passed_over: 0,
+            told: None,
         }
     }
 
@@ -71,6 +75,15 @@ impl<'a> StoreJournal<'a> {
             repetition: Some(Repetition { stored }),
             last: 0,
             passed_over: 0,
+            told: None,
+        }
+    }
+
+    /// The same journal, which tells every recording, coupling and fault of the run once it is stored.
+    pub(super) fn telling(self, told: Sender<Event>) -> Self {
+        Self {
+            told: Some(told),
+            ..self
         }
     }
 
@@ -139,7 +152,16 @@ impl Journal for StoreJournal<'_> {
         } else {
             self.store.append(self.run, &placed)
         }
-        .map_err(store_error)
+        .map_err(store_error)?;
+        if let Some(told) = &self.told {
+            for Placed { body, .. } in placed {
+                if matches!(body, Event::Recording(_) | Event::Coupled(_) | Event::Fault(_)) {
+                    // Nobody may be listening any more.
+                    let _ = told.send((*body).clone());
+                }
+            }
+        }
+        Ok(())
     }
 
     fn reject(&mut self, sphere: u32, pose: u32, reason: &str) -> Result<(), JournalError> {

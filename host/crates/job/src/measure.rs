@@ -2,7 +2,9 @@
 
 use std::collections::BTreeSet;
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::channel;
 use std::time::Instant;
 
 use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, Outcome, Tracker, measure_laser};
@@ -12,6 +14,7 @@ use spherecal_store::time::now_utc;
 use spherecal_store::{CalibrationStore, NewRun, Peer, RunInfo, SessionEnd, StoredPose};
 
 use super::drive_timing::DriveTiming;
+use super::early_end::{EarlyEnd, StoredAccuracy};
 use super::journal::{REPEATED_SESSION, StoreJournal};
 use super::link::Link;
 use super::link_record::LinkRecord;
@@ -101,6 +104,13 @@ pub fn measure(prepared: &PreparedRun, site: Site<'_>, resume: Option<&RunInfo>)
         site.store.begin_session(run, &now_utc())?
     };
     let path = site.store.path().to_owned();
+    let mut so_far = Measurements::before(prepared, site.link);
+    if resume.is_some() && !repeats {
+        so_far.recordings.clone_from(&had.recordings);
+        so_far.couplings.clone_from(&had.couplings);
+        so_far.faults.clone_from(&had.faults);
+    }
+    let (told, stored) = channel();
     let mut journal = if repeated {
         site.observer.note(&format!(
             "the simulated arm starts from the beginning: the run is repeated, and its first {} recordings must come out the same",
@@ -109,7 +119,9 @@ pub fn measure(prepared: &PreparedRun, site: Site<'_>, resume: Option<&RunInfo>)
         StoreJournal::repeated(site.store, run, &had.recordings)
     } else {
         StoreJournal::live(site.store, run, session, had.handshakes)
-    };
+    }
+    .telling(told);
+    let mut observer = EarlyEnd::new(site.observer, Arc::clone(&prepared.simulator), stored, so_far);
     let assignment = Assignment {
         robot: &prepared.robot,
         tool: &prepared.tool,
@@ -120,12 +132,13 @@ pub fn measure(prepared: &PreparedRun, site: Site<'_>, resume: Option<&RunInfo>)
         options: prepared.config.campaign.options(),
     };
     let (outcome, result) = match faulty {
-        None => campaign::run(&assignment, device, &mut journal, site.observer, site.interrupt),
+        None => campaign::run(&assignment, device, &mut journal, &mut observer, site.interrupt),
         Some(faulty) => {
             let mut journal = faulty(&mut journal, path);
-            campaign::run(&assignment, device, journal.as_mut(), site.observer, site.interrupt)
+            campaign::run(&assignment, device, journal.as_mut(), &mut observer, site.interrupt)
         }
     };
+    let ended_early = observer.ended();
     let passed_over = journal.passed_over();
     if passed_over > 0 {
         site.observer.note(&format!(
@@ -165,6 +178,7 @@ pub fn measure(prepared: &PreparedRun, site: Site<'_>, resume: Option<&RunInfo>)
             site.store.put_laser(run, &shots)?;
         }
     }
+    StoredAccuracy::end(site.store, run, ended_early)?;
     site.store.set_state(run, "measured")?;
     Ok(MeasuredRun { run, outcome })
 }
@@ -233,7 +247,9 @@ pub fn read(store: &mut dyn CalibrationStore, info: &RunInfo) -> Result<Measurem
             message: format!("{e}; it was written by another version"),
         }
     };
-    let config = Config::stored(&info.config_toml)?;
+    let mut config = Config::stored(&info.config_toml)?;
+    let accuracy = StoredAccuracy::read(store, info.run)?;
+    config.plan.accuracy_mm = accuracy.asked_mm(config.plan.accuracy_mm);
     let plan: Plan = serde_json::from_str(&info.plan_json).map_err(undecodable("the stored plan"))?;
     let stored = store.read_run(info.run)?;
     let mut link = LinkRecord::default();
@@ -254,6 +270,7 @@ pub fn read(store: &mut dyn CalibrationStore, info: &RunInfo) -> Result<Measurem
         couplings: stored.couplings,
         faults: stored.faults,
         laser: stored.laser,
+        ended_early: accuracy.ended,
         link,
         simulated_s: stored.sessions.iter().map(|s| s.simulated_us as f64 * 1e-6).sum(),
         wall_s: stored.sessions.iter().map(|s| s.wall_s).sum(),

@@ -7,7 +7,7 @@ use spherecal_shared::robot::Tool;
 
 use super::prepared::{PreparedRun, Simulator};
 use super::waypoints::TaughtWaypoints;
-use super::{Choice, Config, ConfigError, JobError, magnet};
+use super::{Choice, Config, ConfigError, JobError, Measurements, magnet};
 use spherecal_model::chain::Chain;
 use spherecal_model::robots::{self, RobotModel};
 use spherecal_model::{NominalCell, Placement};
@@ -43,6 +43,26 @@ pub fn prepare(config: &Config, simulator: Arc<dyn Simulator>) -> Result<Prepare
         spheres: cell.spheres,
         plan,
         untaught,
+        simulator,
+    })
+}
+
+/// The same of a stored run, with its own plan and waypoints, even if the planner would now choose others.
+///
+/// # Errors
+/// Any error in the input.
+pub fn recalled(measured: &Measurements, simulator: Arc<dyn Simulator>) -> Result<PreparedRun, JobError> {
+    let config = measured.config.clone();
+    simulator.check(&config)?;
+    let Known { model, tool, cell } = known(&config)?;
+    Ok(PreparedRun {
+        config,
+        robot: model.robot.clone(),
+        model,
+        tool,
+        spheres: cell.spheres,
+        plan: measured.plan.clone(),
+        untaught: None,
         simulator,
     })
 }

@@ -10,7 +10,7 @@ use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::protocol::host::{FaultReport, Recording};
 
 use super::certificate::run_certificate;
-use super::{DriveTiming, Evaluation, JobError, LinkRecord, Measurements};
+use super::{DriveTiming, EarlyEnding, Evaluation, JobError, LinkRecord, Measurements};
 use spherecal_identify::validate::{Alignment, ErrorStatistics};
 use spherecal_identify::{ParameterEstimate, Verdict};
 use spherecal_link::Injected;
@@ -153,6 +153,9 @@ pub struct Summary {
     pub simulated: bool,
     /// Poses.
     pub poses: PoseCounts,
+    /// Why the run ended before its last chosen pose, if the accuracy that was asked for was reached there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ended_early: Option<EarlyEnding>,
     /// Device time, in s.
     pub simulated_s: f64,
     /// Time on the wall, in s.
@@ -231,6 +234,7 @@ pub fn summarise(m: &Measurements, e: &Evaluation, created: &str) -> Result<Summ
             recorded: m.recordings.len(),
             rejected: m.rejected.len(),
         },
+        ended_early: m.ended_early,
         simulated_s: m.simulated_s,
         wall_s: m.wall_s,
         real_time_factor: if m.wall_s > 0.0 { m.simulated_s / m.wall_s } else { 0.0 },

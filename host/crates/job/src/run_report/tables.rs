@@ -182,6 +182,9 @@ pub(super) fn provenance(m: &Measurements, s: &Summary, created: &str) -> Vec<(S
         ),
         ("recordings' SHA-256".to_owned(), s.recordings_sha256.clone()),
     ];
+    if let Some(ended) = &s.ended_early {
+        out.push(("ended early".to_owned(), ended.words()));
+    }
     if s.link_name == Link::Qemu.to_string() {
         let log = format!("{LOG_FILE}, beside this report");
         out.push(("controller's log".to_owned(), log));

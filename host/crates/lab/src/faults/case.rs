@@ -15,7 +15,7 @@ use spherecal_campaign::measure_laser;
 use spherecal_campaign::{self as campaign, Assignment, CampaignError, Outcome, Silent};
 use spherecal_identify::EvaluateError;
 use spherecal_identify::validate::{Prediction, validate};
-use spherecal_job::{Choice, Config, JobError, Link, LinkRecord, Measurements, PreparedRun};
+use spherecal_job::{Choice, Config, JobError, Link, Measurements, PreparedRun};
 use spherecal_link::JournalError;
 use spherecal_link::{Device, LinkError, controller_in_process};
 use spherecal_model::LaserShot;
@@ -38,22 +38,12 @@ impl CalibratedTrial {
     /// Recordings from which nothing can be identified.
     fn of(prepared: &PreparedRun, shots: &[LaserShot], trial: &FaultTrial) -> Result<Self, FaultsError> {
         let measured = Measurements {
-            seed: prepared.config.seed,
-            link_name: Link::Sim.to_string(),
-            robot: prepared.robot.clone(),
-            tool: prepared.tool,
-            config: prepared.config.clone(),
-            plan: prepared.plan.clone(),
-            spheres: prepared.spheres.clone(),
             recordings: trial.recordings.clone(),
             rejected: trial.rejected.clone(),
-            contacts: Vec::new(),
             couplings: trial.couplings.clone(),
             faults: trial.faults.clone(),
-            laser: Vec::new(),
-            link: LinkRecord::default(),
             simulated_s: trial.robot_s,
-            wall_s: 0.0,
+            ..Measurements::before(prepared, &Link::Sim)
         };
         let found = evaluate(&measured, &mut |_| {})?;
         let models = [Prediction {
