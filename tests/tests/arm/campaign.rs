@@ -107,7 +107,8 @@ fn a_campaign_with_enough_recordings_ends_as_a_complete_one() {
         assert_eq!(phases.take(2).collect::<Vec<_>>(), [Phase::Idle, Phase::Moving], "home");
         outcome.simulated_us
     });
-    assert!(took_us[1] > took_us[0] + 250_000, "{took_us:?}");
+    // Of 299 control periods of waiting, the lead of the next command takes 60 in any case.
+    assert!(took_us[1] > took_us[0] + 200_000, "{took_us:?}");
 }
 
 // Fails if a stop that needs no way over home is not reached straight from the one before, which saves time, or not as

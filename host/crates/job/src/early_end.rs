@@ -6,7 +6,8 @@
 //! ```
 //!
 //! The evaluation is the one that ends every run, so there is no second estimator and no second limit. The arm takes one
-//! more pose while it lasts, and then waits for its answer: which pose is the last depends on no clock.
+//! more pose while it lasts. A yes is asked again with that pose, and the arm waits for the answer: so the result is that of an
+//! evaluation that accepted it, and which pose is the last depends on no clock.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -24,7 +25,7 @@ use spherecal_campaign::{CampaignObserver, Moved, Progress};
 use spherecal_link::Arrival;
 use spherecal_store::{CalibrationStore, RunInfo};
 
-/// Recordings between two evaluations. Ten poses take an arm some 15 s, which is what a run can last too long; an evaluation
+/// Recordings between two evaluations. Ten poses take an arm some 20 s, which is what a run can last too long; an evaluation
 /// takes 0.1 to 0.9 s of a processor.
 const LOOK: usize = 10;
 /// Name of the stored result.
@@ -119,12 +120,12 @@ pub fn ask_accuracy(store: &mut dyn CalibrationStore, info: &mut RunInfo, accura
         asked_mm: Some(accuracy_mm),
         ended: before.ended.filter(|_| enough),
     };
-    after.write(store, info.run)?;
+    // A program that is killed in between leaves a run that is measured on.
     if !enough {
         "running".clone_into(&mut info.state);
         store.set_state(info.run, &info.state)?;
     }
-    Ok(())
+    after.write(store, info.run)
 }
 
 /// The observer of a run, which also answers whether its recordings are enough.
@@ -224,7 +225,13 @@ impl CampaignObserver for EarlyEnd<'_> {
         }
         if let Some(evaluation) = self.evaluation.take_if(|thread| waits || thread.is_finished()) {
             // An evaluation that fails says of no recording that it is enough.
-            self.ended = evaluation.join().ok().flatten();
+            let ended = evaluation.join().ok().flatten();
+            self.take();
+            if ended.is_some() && self.so_far.recordings.len() > self.seen {
+                self.begin();
+                return None;
+            }
+            self.ended = ended;
             if let Some(ended) = &self.ended {
                 self.observer.note(&ended.words());
             }
