@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use spherecal_shared::protocol::host::{Contact, Coupled, FaultReport, Recording};
 use spherecal_shared::robot::{Robot, Tool};
 
-use super::early_end::EarlyEnding;
+use super::accuracy::EarlyEnding;
 use super::link_record::LinkRecord;
 use super::{Config, ConfigError, JobError, Link, PreparedRun, Simulator};
 use spherecal_identify::arcs::{Measured, MeasuredArc};

@@ -10,6 +10,7 @@
 //! a service can run them elsewhere. [`evaluate`] sees only the data in the store: no plant, no
 //! link. What is simulated is behind the trait [`Simulator`]: the program chooses the simulation.
 
+mod accuracy;
 mod certificate;
 mod commission;
 mod config;
@@ -37,6 +38,7 @@ mod telemetry;
 mod waypoints;
 mod write;
 
+pub use accuracy::{EarlyEnding, ask_accuracy};
 pub use certificate::study_certificate;
 pub use commission::{Commissioning, commission, commissionings};
 pub use config::{
@@ -45,7 +47,6 @@ pub use config::{
 };
 pub use connect::connect_early;
 pub use drive_timing::{Bin, DriveTiming, TimeHistogram};
-pub use early_end::{EarlyEnding, ask_accuracy};
 pub use error::JobError;
 pub use evaluate::{Measurements, evaluate};
 pub use impedance::impedance;

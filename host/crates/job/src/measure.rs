@@ -13,8 +13,9 @@ use spherecal_plan::Plan;
 use spherecal_store::time::now_utc;
 use spherecal_store::{CalibrationStore, NewRun, Peer, RunInfo, SessionEnd, StoredPose};
 
+use super::accuracy::StoredAccuracy;
 use super::drive_timing::DriveTiming;
-use super::early_end::{EarlyEnd, StoredAccuracy};
+use super::early_end::EarlyEnd;
 use super::journal::{REPEATED_SESSION, StoreJournal};
 use super::link::Link;
 use super::link_record::LinkRecord;
