@@ -175,8 +175,8 @@ fn slow_two_arms_on_a_torso_are_identified_together() {
 
 // Fails as `Robot::together` says, for two arms and a camera in the head, on a torso of two joints on a rail.
 #[test]
-#[ignore = "slow: the gate runs it"]
-fn slow_two_arms_and_a_head_are_identified_together() {
+#[ignore = "long: scripts/test --long runs it"]
+fn long_two_arms_and_a_head_are_identified_together() {
     let folder = tempfile::tempdir().expect("a folder");
     let tips = ["wrist_left_tool_link", "wrist_right_tool_link", "camera_link"];
     Robot::new(folder.path(), &humanoid(true), "world", &tips, 3).together();
