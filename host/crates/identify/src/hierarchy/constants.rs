@@ -7,8 +7,7 @@
 /// * Offsets: mastering errors of 0.1 mrad to 30 degrees are ordinary, so a factor of 10.
 /// * Scale: from a laser tracker, 1e-6, to a camera, 1e-3, and a mistake, 1e-2: 10.
 /// * Tool: from a machined adapter to one that was measured by hand, 10.
-/// * Compliance: 3e-6 (catalogue of strain wave gears) to 6e-5 rad/(N m) (a real iiwa 7), 5. The mean of an arm's joints lies within
-///   10 of the sizes by which they differ: gears of one size differ by a tenth.
+/// * Compliance: 3e-6 (catalogue of strain wave gears) to 6e-5 rad/(N m) (a real iiwa 7), 5.
 /// * Eccentricity and ripple: as lengths. All joints of an arm have one size: with one of its own, a joint that moves little
 ///   takes what belongs to others (first orders of 7 mrad on a real UR10, ripple of 0.4 mrad in a simulated arm) and predicts
 ///   wrongly elsewhere. A factor of 1.5 in place of 3 moves no prediction by more than 5 %.
@@ -23,7 +22,7 @@ pub(crate) const FACTORS: Factors = Factors {
 pub(crate) struct Factors {
     /// Lengths, twists, bending, eccentricity and ripple.
     pub(crate) made: f64,
-    /// Offsets, tool, scale, seats and the mean compliance.
+    /// Offsets, tool, scale and seats.
     pub(crate) wide: f64,
     /// Compliance.
     pub(crate) compliance: f64,

@@ -9,10 +9,6 @@
 //! and variance `P` of each member, `Σ (x/c)²` is taken for the sum of squares of `Σ (1 − P/(t c)²)` numbers, which is what the
 //! data tell; the new size is the maximum of that likelihood and the hyperprior. It ends where expectation and maximisation
 //! would, in a fraction of their rounds.
-//!
-//! The joints of one arm are soft alike. So the compliances also have a mean that the data find, within some sizes of that of the
-//! table ([`FACTORS`]), and the size is how far the joints differ from it. With a fixed mean, what all joints of a soft arm have in
-//! common counts as many large deviations, and a load that is heavier than the true one, which needs less of them, wins.
 
 use super::constants::{ECCENTRIC_ORDERS, FACTORS, HARMONICS, SEAT_M, SEATS_NU};
 use super::open::Group;
@@ -98,8 +94,6 @@ pub(crate) struct Size {
     spread: f64,
     /// The present size.
     pub(crate) now: f64,
-    /// Mean of the members above that of the table of parameters, SI unit; of the compliances alone.
-    mean: f64,
     /// Weights of seats, by three members, of Student's t: a coupling that sat badly does not make the others uncertain.
     weights: Vec<f64>,
 }
@@ -108,19 +102,6 @@ impl Size {
     /// Weight of a member's prior.
     fn weight(&self, member: usize) -> f64 {
         self.weights.get(member / 3).copied().unwrap_or(1.0)
-    }
-
-    /// One Newton step of the mean, of which the data tell so many `numbers`, as if they told of each member apart. Deviations
-    /// are from the new mean then. Returns how far it moved, as a share of the size.
-    fn move_mean(&mut self, unknowns: &mut Unknowns, numbers: f64) -> f64 {
-        let weak = FACTORS.wide.powi(-2);
-        let sum: f64 = self.members.iter().map(|&(at, _)| unknowns.deviation[at]).sum();
-        let step = (sum - weak * self.mean) / (numbers + weak);
-        for &(at, _) in &self.members {
-            unknowns.deviation[at] -= step;
-        }
-        self.mean += step;
-        step.abs() / self.now
     }
 }
 
@@ -161,7 +142,6 @@ impl Sizes {
                     ordinary,
                     spread: spread_of(family),
                     now: ordinary,
-                    mean: 0.0,
                     weights: Vec::new(),
                 });
             }
@@ -194,19 +174,15 @@ impl Sizes {
         }
     }
 
-    /// One update of every size, and of the compliances' mean, from the posterior's variances. Returns the largest change of a
-    /// logarithm, or of the mean by the size.
-    pub(crate) fn update(&mut self, unknowns: &mut Unknowns, variances: &[f64]) -> f64 {
+    /// One update of every size from the posterior's variances. Returns the largest change of a logarithm.
+    pub(crate) fn update(&mut self, unknowns: &Unknowns, variances: &[f64]) -> f64 {
         let mut moved: f64 = 0.0;
         for size in &mut self.0 {
+            let mean_square = |&(at, factor): &(usize, f64)| (unknowns.deviation[at] / factor).powi(2);
+            let squares: Vec<f64> = size.members.iter().map(mean_square).collect();
             // What the data tell of each member: one minus the share of its prior's variance that is left.
             let told = |&(at, _): &(usize, f64)| (1.0 - unknowns.precision[at] * variances[at]).clamp(0.0, 1.0);
             let numbers: f64 = size.members.iter().map(told).sum();
-            if size.family == Family::Compliance {
-                moved = moved.max(size.move_mean(unknowns, numbers));
-            }
-            let mean_square = |&(at, factor): &(usize, f64)| (unknowns.deviation[at] / factor).powi(2);
-            let squares: Vec<f64> = size.members.iter().map(mean_square).collect();
             if size.family == Family::Seats {
                 let variance = |&(at, factor): &(usize, f64)| variances[at] / (factor * factor);
                 let expected: Vec<f64> = size
@@ -232,18 +208,6 @@ impl Sizes {
         moved
     }
 
-    /// Writes the priors that were found into the table of parameters.
-    pub(crate) fn describe(&self, unknowns: &Unknowns, table: &mut [Parameter]) {
-        for (&column, precision) in unknowns.columns.iter().zip(&unknowns.precision) {
-            table[column].prior_sigma = precision.powf(-0.5);
-        }
-        for size in &self.0 {
-            for &(at, _) in &size.members {
-                table[unknowns.columns[at]].nominal += size.mean;
-            }
-        }
-    }
-
     /// How far the sizes of lengths and twists are from ordinary ones: that of the farther one.
     pub(crate) fn strangeness(&self) -> Strangeness {
         let shape = self
@@ -260,10 +224,7 @@ impl Sizes {
 
     /// Minus the logarithm of the hyperprior, up to a constant.
     pub(crate) fn penalty(&self) -> f64 {
-        let of = |size: &Size| {
-            let mean = size.mean / (FACTORS.wide * size.now);
-            0.5 * (((size.now / size.ordinary).ln() / size.spread).powi(2) + mean * mean)
-        };
+        let of = |size: &Size| 0.5 * ((size.now / size.ordinary).ln() / size.spread).powi(2);
         self.0.iter().map(of).sum()
     }
 }
@@ -286,9 +247,7 @@ pub(crate) fn penalised(sum: f64, count: f64, middle: f64, spread: f64, start: f
 
 #[cfg(test)]
 mod tests {
-    use super::{Sizes, penalised};
-    use crate::parameters::{Kind, Parameter, Unit};
-    use crate::solve::Unknowns;
+    use super::penalised;
 
     // Fails if a size is not the root mean square of many members, if one of no data leaves its hyperprior's
     // median, or if few members move it as far as many.
@@ -301,41 +260,5 @@ mod tests {
         assert!((none / 1e-3 - 1.0).abs() < 1e-9, "{none}");
         let few = penalised(2.0 * 4e-4, 2.0, middle, spread, middle).exp();
         assert!(few > 2e-3 && few < 2e-2, "{few}");
-    }
-
-    // Fails if what the compliances of all joints have in common counts as their size, or if the table does not get their mean.
-    #[test]
-    fn compliances_have_a_mean_of_their_own() {
-        let parameter = |joint| Parameter {
-            name: format!("compliance{joint}"),
-            kind: Kind::Compliance(joint),
-            unit: Unit::RadianPerNewtonMetre,
-            nominal: 3e-6,
-            prior_sigma: 2e-6,
-            free: true,
-            set_by_user: false,
-            reason: "",
-        };
-        let mut table: Vec<Parameter> = (0..7).map(parameter).collect();
-        let mut unknowns = Unknowns::new(&table);
-        let mut sizes = Sizes::new(&table, &unknowns);
-        let found = [4e-5, 5e-5, 6e-5, 5e-5, 4e-5, 6e-5, 5e-5];
-        // What the data tell of each joint is known to 1e-6.
-        for _ in 0..50 {
-            sizes.apply(&mut unknowns);
-            let mean = sizes.0[0].mean;
-            let variances: Vec<f64> = unknowns.precision.iter().map(|p| 1.0 / (p + 1e12)).collect();
-            for ((deviation, variance), found) in unknowns.deviation.iter_mut().zip(&variances).zip(found) {
-                *deviation = (found - 3e-6 - mean) * 1e12 * variance;
-            }
-            sizes.update(&mut unknowns, &variances);
-        }
-        sizes.describe(&unknowns, &mut table);
-        assert!((table[0].nominal / 5e-5 - 1.0).abs() < 0.05, "{}", table[0].nominal);
-        assert!(
-            (5e-6..1.2e-5).contains(&table[0].prior_sigma),
-            "{}",
-            table[0].prior_sigma
-        );
     }
 }
