@@ -7,9 +7,9 @@
 //! a slide or of the trunk is that of the fit: in first order its least-squares error.
 
 use nalgebra::{Matrix3, Vector3};
-use spherecal_model::input::Table;
+use spherecal_model::input::{Table, TableRow};
 use spherecal_model::robots::frames::compose;
-use spherecal_model::robots::{JointKind, JointPath};
+use spherecal_model::robots::{JointKind, JointPath, PathFrames};
 use spherecal_model::{Observation, Pose, Target};
 
 use crate::TIE;
@@ -22,13 +22,21 @@ const FEWEST: usize = 10;
 const TOOL_M: f64 = 0.3;
 
 /// Why the motion of slides and trunk cannot be taken out.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SlidesError {
     /// Too few rows.
+    #[error("a chain with sliding joints or a shared trunk needs at least ten rows with a measured point")]
     TooFew,
     /// Contacts with spheres: their places are known, and cannot be moved.
+    #[error("contacts with spheres cannot be used with sliding joints or a shared trunk: give measured points")]
     Contacts,
     /// Several chains that do not fit together.
+    #[error(
+        "the tables fit to {:.3} mm each and to {:.3} mm together: measure all tips in one frame of the instrument, and \
+         give each tip its own table and tool",
+        alone_m * 1e3,
+        together_m * 1e3
+    )]
     Apart {
         /// Median distance of the TCPs from their targets if each chain is fitted alone, in m: of the worst.
         alone_m: f64,
@@ -36,28 +44,6 @@ pub enum SlidesError {
         together_m: f64,
     },
 }
-
-impl std::fmt::Display for SlidesError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::TooFew => f.write_str(
-                "a chain with sliding joints or a shared trunk needs at least ten rows with a measured point",
-            ),
-            Self::Contacts => f.write_str(
-                "contacts with spheres cannot be used with sliding joints or a shared trunk: give measured points",
-            ),
-            Self::Apart { alone_m, together_m } => write!(
-                f,
-                "the tables fit to {:.3} mm each and to {:.3} mm together: measure all tips in one frame of the instrument, \
-                 and give each tip its own table and tool",
-                alone_m * 1e3,
-                together_m * 1e3
-            ),
-        }
-    }
-}
-
-impl std::error::Error for SlidesError {}
 
 /// A chain from the base to a tip, and its rows.
 #[derive(Clone, Debug)]
@@ -132,7 +118,7 @@ impl Slides {
     }
 
     /// Frames of a chain with all its columns at zero, in the base frame.
-    fn at_zero(&self, limb: &Limb) -> spherecal_model::robots::PathFrames {
+    fn at_zero(&self, limb: &Limb) -> PathFrames {
         limb.path.frames(&self.state.positions(limb, &[]))
     }
 
@@ -206,7 +192,7 @@ impl Slides {
 
 /// The rows of a table of joint columns as a fit takes them.
 pub fn observations(table: &Table) -> Vec<Observation> {
-    let one = |row: spherecal_model::input::TableRow<'_>| Observation {
+    let one = |row: TableRow<'_>| Observation {
         q: row.q.to_vec(),
         tau: None,
         target: row.target(),

@@ -10,7 +10,6 @@
 //! evaluation that accepted it, and which pose is the last depends on no clock.
 
 use std::collections::BTreeSet;
-use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 use std::thread::JoinHandle;
 
@@ -18,8 +17,7 @@ use spherecal_shared::protocol::host::Event;
 
 use super::Evaluation;
 use super::accuracy::EarlyEnding;
-use super::evaluate::{Measurements, evaluate};
-use super::prepared::Simulator;
+use super::evaluate::{Measurements, evaluate_alone};
 use spherecal_campaign::telemetry::RunKey;
 use spherecal_campaign::{CampaignObserver, Moved, Progress};
 use spherecal_link::Arrival;
@@ -27,6 +25,7 @@ use spherecal_link::Arrival;
 /// Recordings between two evaluations. Ten poses take an arm some 20 s, which is what a run can last too long; an evaluation
 /// takes 0.1 to 0.9 s of a processor.
 const LOOK: usize = 10;
+
 /// Why a run may end with these measurements; `None` if they are not enough.
 fn ending(m: &Measurements, evaluation: &Evaluation) -> Option<EarlyEnding> {
     let verdict = &evaluation.verdict;
@@ -41,7 +40,6 @@ fn ending(m: &Measurements, evaluation: &Evaluation) -> Option<EarlyEnding> {
 /// The observer of a run, which also answers whether its recordings are enough.
 pub(super) struct EarlyEnd<'a> {
     observer: &'a mut dyn CampaignObserver,
-    simulator: Arc<dyn Simulator>,
     /// What the journal stored since.
     stored: Receiver<Event>,
     /// Everything that the run measured so far.
@@ -57,15 +55,9 @@ pub(super) struct EarlyEnd<'a> {
 
 impl<'a> EarlyEnd<'a> {
     /// `so_far` is what earlier sessions measured, `stored` tells what this one stores.
-    pub(super) fn new(
-        observer: &'a mut dyn CampaignObserver,
-        simulator: Arc<dyn Simulator>,
-        stored: Receiver<Event>,
-        so_far: Measurements,
-    ) -> Self {
+    pub(super) fn new(observer: &'a mut dyn CampaignObserver, stored: Receiver<Event>, so_far: Measurements) -> Self {
         Self {
             observer,
-            simulator,
             stored,
             known: so_far.recordings.iter().map(|r| (r.sphere, r.pose)).collect(),
             recalled: !so_far.recordings.is_empty(),
@@ -98,11 +90,8 @@ impl<'a> EarlyEnd<'a> {
     /// Evaluates a copy of what was measured, on a thread of its own. A computer without a thread to spare measures on.
     fn begin(&mut self) {
         self.seen = self.so_far.recordings.len();
-        let (m, simulator) = (self.so_far.clone(), Arc::clone(&self.simulator));
-        let work = move || {
-            let evaluation = evaluate(&m, simulator.as_ref(), &mut |_| ()).ok()?;
-            ending(&m, &evaluation)
-        };
+        let m = self.so_far.clone();
+        let work = move || ending(&m, &evaluate_alone(&m).ok()?);
         let named = std::thread::Builder::new().name("evaluation".to_owned());
         self.evaluation = named.spawn(work).ok();
     }

@@ -184,6 +184,32 @@ pub fn evaluate(
     simulator: &dyn Simulator,
     progress: &mut dyn FnMut(EvaluationStep),
 ) -> Result<Evaluation, JobError> {
+    let compared = EvaluateOptions {
+        models: vec![
+            Estimator::Laser,
+            Estimator::LaserFull,
+            Estimator::PaperNelderMead,
+            Estimator::KnownLaws,
+        ],
+        known_laws: simulator.known_laws(&m.config, m.robot.dof()),
+        ..EvaluateOptions::default()
+    };
+    evaluate_with(m, compared, progress)
+}
+
+/// The same without models for comparison. The verdict is the same.
+///
+/// # Errors
+/// Data that cannot be identified.
+pub(super) fn evaluate_alone(m: &Measurements) -> Result<Evaluation, JobError> {
+    evaluate_with(m, EvaluateOptions::default(), &mut |_| ())
+}
+
+fn evaluate_with(
+    m: &Measurements,
+    compared: EvaluateOptions,
+    progress: &mut dyn FnMut(EvaluationStep),
+) -> Result<Evaluation, JobError> {
     let work = match &m.config.cell.work {
         Some(work) => work
             .configurations(&Chain::unchecked(&m.robot, &m.tool))
@@ -198,15 +224,8 @@ pub fn evaluate(
         // The campaign knows its frames and tool.
         align: false,
         work: Some(work),
-        models: vec![
-            Estimator::Laser,
-            Estimator::LaserFull,
-            Estimator::PaperNelderMead,
-            Estimator::KnownLaws,
-        ],
-        known_laws: simulator.known_laws(&m.config, m.robot.dof()),
         accuracy_mm: m.config.plan.accuracy_mm,
-        ..EvaluateOptions::default()
+        ..compared
     };
     Ok(spherecal_identify::evaluate(&m.to_recordings(), &options, progress)?)
 }

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::channel;
 use std::time::Instant;
@@ -122,7 +121,7 @@ pub fn measure(prepared: &PreparedRun, site: Site<'_>, resume: Option<&RunInfo>)
         StoreJournal::live(site.store, run, session, had.handshakes)
     }
     .telling(told);
-    let mut observer = EarlyEnd::new(site.observer, Arc::clone(&prepared.simulator), stored, so_far);
+    let mut observer = EarlyEnd::new(site.observer, stored, so_far);
     let assignment = Assignment {
         robot: &prepared.robot,
         tool: &prepared.tool,
