@@ -93,7 +93,11 @@ impl Tip {
     /// Identifies the chain behind the trunk, whose motion is taken out of the rows.
     fn study(&mut self, limb: usize, file: &str, trunk: &Trunk, shared: &Slides) -> Result<Study, CliError> {
         self.request.robot = format!("{file}#{}:{}", trunk.end, self.name);
-        let own = robots::load_path(&self.request.robot).map_err(|e| refuse(e.into()))?;
+        let mut own = robots::load_path(&self.request.robot).map_err(|e| refuse(e.into()))?;
+        // The tip tells the reports of one robot apart, if its name has room.
+        if let Ok(name) = format!("{} {}", own.robot.name, self.name).as_str().try_into() {
+            own.robot.name = name;
+        }
         let path = self.whole.joint_path().map_err(CliError::input)?;
         if self.table.rows().any(|row| row.tau.is_some()) {
             let note =
@@ -127,6 +131,12 @@ impl Tip {
     }
 }
 
+/// Whether the options name several tips, or tables of several.
+pub(super) fn are_meant(args: &IdentifyArgs) -> bool {
+    let ends = args.robot.as_deref().and_then(|robot| robot.rsplit_once('#'));
+    args.data.len() > 1 || ends.is_some_and(|(_, ends)| ends.contains(','))
+}
+
 /// The file and the two ends of `FILE#BASE:TIP,TIP` or `FILE#TIP,TIP` as a chain for each tip.
 fn chains(robot: &str, count: usize) -> Result<(String, Vec<String>), CliError> {
     let (file, ends) = robot.rsplit_once('#').unwrap_or((robot, ""));
@@ -134,7 +144,7 @@ fn chains(robot: &str, count: usize) -> Result<(String, Vec<String>), CliError> 
     let tips: Vec<&str> = tips.split(',').map(str::trim).filter(|tip| !tip.is_empty()).collect();
     if tips.len() != count {
         return Err(CliError::input(format!(
-            "--robot: has {} tips for {count} tables of --data: write FILE.urdf#BASE:TIP,TIP with a tip for each table",
+            "--robot: the tips are {} and the tables of --data {count}: write FILE.urdf#BASE:TIP,TIP with a tip for each table",
             tips.len()
         )));
     }

@@ -157,7 +157,7 @@ fn execute(cli: Cli) -> Result<Exit, CliError> {
         Some(CliCommand::Impedance(args)) => impedance::run(&args),
         Some(CliCommand::Collect(args)) => collect::run(&args),
         Some(CliCommand::Stability(args)) => stability::run(&args),
-        Some(CliCommand::Identify(args)) if args.data.len() > 1 => limbs::run(&args),
+        Some(CliCommand::Identify(args)) if limbs::are_meant(&args) => limbs::run(&args),
         Some(CliCommand::Identify(args)) => identify::run(&args),
         Some(CliCommand::Validate(args)) => stages::validate(&args),
         Some(CliCommand::Report(args)) => stages::report(&args),

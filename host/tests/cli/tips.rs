@@ -128,7 +128,11 @@ impl<'a> Robot<'a> {
                 before[k] * 1e3
             );
             by_yourdfpy(self.folder, &written[k], (self.base, &tcps[k]), &new[k]);
-            assert!(self.folder.join("out").join(tip).join("summary.json").exists());
+            let summary = std::fs::read_to_string(self.folder.join("out").join(tip).join("summary.json"));
+            assert!(
+                summary.is_ok_and(|text| text.contains(&format!("talos {tip}: "))),
+                "{tip}"
+            );
         }
         for (found, plain) in found.iter().zip(&plain) {
             assert!(*found < 1.1 * plain, "{found:?} {plain:?}");
@@ -209,10 +213,17 @@ fn tips_that_do_not_belong_together_are_refused() {
     refused(&[&both[..], &["--json"]].concat(), &["--json: is for one table"]);
     refused(
         &[&both[..], &["--data", "left_tool.csv"]].concat(),
-        &["has 2 tips for 3 tables"],
+        &["the tips are 2 and the tables of --data 3"],
     );
     let other = |robot: &'static str| [&["--robot", robot], &both[2..]].concat();
-    refused(&other("robot.urdf#base_link:left_tool"), &["has 1 tips for 2 tables"]);
+    refused(
+        &other("robot.urdf#base_link:left_tool"),
+        &["the tips are 1 and the tables of --data 2"],
+    );
+    refused(
+        &both[..4],
+        &["the tips are 2 and the tables of --data 1", "a tip for each table"],
+    );
     refused(&other("robot.urdf#base_link:left_tool,torso_link"), &["torso_link"]);
     refused(&other("ur5e#left_tool,right_tool"), &["ur5e"]);
     refused(&other("robot.urdf#left_tool:right_tool,base_link"), &["base link"]);
