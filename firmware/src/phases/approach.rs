@@ -1,5 +1,5 @@
 //! From the approach frame to contact: the tare at rest, then the descent at
-//! 25 mm/s, stiff in free motion and with 50/50/100 N/m once something stops it, until the force has been 7.5 N for the
+//! 25 mm/s, stiff in free motion and with 50/50/200 N/m once something stops it, until the force has been 7.5 N for the
 //! dwell time.
 
 use nalgebra::{SVector, Vector3, Vector6};

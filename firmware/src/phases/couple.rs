@@ -209,7 +209,7 @@ mod tests {
     // or less far, or if the time of either is not that of the procedure.
     #[test]
     fn a_nest_may_wander_as_far_as_the_magnet_reaches() {
-        for (searches, most, time_s) in [(0, 0.015, 1.0), (1, 0.035, 3.0)] {
+        for (searches, most, time_s) in [(0, 0.015, 0.5), (1, 0.035, 3.0)] {
             let mut scene = Scene::new();
             let mut cartesian = scene.engaged(-Vector3::z());
             cartesian.contact = scene.snapshot.tcp.position;

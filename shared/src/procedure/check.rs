@@ -199,6 +199,7 @@ mod tests {
         // Nothing else is the paper's: the rest is as by default.
         let (mut rest, default) = (p, Procedure::default());
         (rest.couple, rest.record, rest.turn, rest.law) = (default.couple, default.record, default.turn, default.law);
+        (rest.motion, rest.approach) = (default.motion, default.approach);
         assert_eq!(rest, default);
     }
 

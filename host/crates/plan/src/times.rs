@@ -21,8 +21,8 @@ const WEIGHED: (f64, f64) = (0.5, 1.5);
 const SETTLE_S: f64 = 0.55;
 /// Exchange of messages at a pose that is only passed, in s.
 const PASS_S: f64 = 0.1;
-/// Descent until contact, and leaving the sphere, in s, of a visit.
-const VISIT_S: f64 = 7.9;
+/// Descent to the sphere, and leaving it, in s, of a visit.
+const VISIT_S: f64 = 4.9;
 
 /// Time of a quintic from rest to rest over `distance`, in s. Its peak speed is 1.875 times the
 /// mean; its peak acceleration is 5.774 times the distance over the time squared.
@@ -76,7 +76,10 @@ fn poses_s(procedure: &Procedure, start: &TcpPose, poses: &[PlannedPose]) -> f64
 /// `second_visits` asks for it, coupling every sphere once more.
 pub fn robot_time(plan: &Plan, procedure: &Procedure, second_visits: bool) -> f64 {
     let home = plan.home.joints.as_slice();
-    let visit_s = VISIT_S + procedure.approach.tare_s + procedure.couple.hold_s + procedure.seating.test_s;
+    let approach = &procedure.approach;
+    // The spring that pulls the arm on grows until the force of contact is there.
+    let contact_s = approach.trigger_n / (approach.stiffness_n_m[2] * approach.speed_m_s);
+    let visit_s = VISIT_S + contact_s + approach.tare_s + procedure.couple.hold_s + procedure.seating.test_s;
     let motion = &procedure.motion;
     let mut here = home;
     let mut time = 0.0;
