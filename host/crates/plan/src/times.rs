@@ -18,11 +18,11 @@ use super::types::{Plan, PlannedPose, Visit};
 pub(super) const RECORD_S: f64 = 1.65;
 const WEIGHED: (f64, f64) = (0.5, 1.5);
 /// Coming to rest after a turn, and the exchange of messages, in s.
-const SETTLE_S: f64 = 0.55;
+const SETTLE_S: f64 = 0.49;
 /// Exchange of messages at a pose that is only passed, in s.
 const PASS_S: f64 = 0.1;
-/// Descent to the sphere, and leaving it, in s, of a visit.
-const VISIT_S: f64 = 4.9;
+/// Coming to rest over the sphere, descent, and leaving it, in s, of a visit.
+const VISIT_S: f64 = 5.8;
 
 /// Time of a quintic from rest to rest over `distance`, in s. Its peak speed is 1.875 times the
 /// mean; its peak acceleration is 5.774 times the distance over the time squared.
