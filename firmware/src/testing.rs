@@ -154,9 +154,12 @@ impl Bench {
 
     /// The paper's motions and spring of the approach, with short waiting times.
     pub(crate) fn fast_procedure() -> Procedure {
-        let mut procedure = Procedure::default();
-        procedure.motion = Procedure::default().paper().motion;
-        procedure.approach.stiffness_n_m = [50.0, 50.0, 100.0];
+        let Procedure { motion, approach, .. } = Procedure::default().paper();
+        let mut procedure = Procedure {
+            motion,
+            approach,
+            ..Procedure::default()
+        };
         procedure.approach.tare_s = 0.1;
         procedure.couple.hold_s = 0.3;
         procedure.record.samples = 100;
