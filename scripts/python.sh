@@ -27,7 +27,9 @@ tools() {
 case "${1:-}" in
     wheel)
         tools
-        "$place/tools/bin/maturin" build --profile release --features command --locked --manifest-path python/Cargo.toml --out target/wheels
+        # Profile and target as the program of a release: what both need is built once.
+        "$place/tools/bin/maturin" build --profile dist --target "$(rustc -vV | sed -n 's/^host: //p')" --features command --locked \
+            --manifest-path python/Cargo.toml --out target/wheels
         ;;
     test)
         rm -rf "$place/wheels" "$place/env"

@@ -75,11 +75,10 @@ def plan(
     accuracy_mm: float | None,
     seed: int | None,
 ) -> str: ...
-def export(
+def tables(
     store: str,
     run: int | None,
     telemetry: PathLike[str] | None,
     beside: PathLike[str] | None,
-    folder: PathLike[str],
-) -> tuple[list[PathLike[str]], int, list[PathLike[str]], str | None]: ...
+) -> tuple[list[tuple[str, list[tuple[str, Any]]]], int, list[PathLike[str]], str | None]: ...
 def main(arguments: list[str]) -> int: ...

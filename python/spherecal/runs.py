@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -133,11 +132,11 @@ def read_run(
         where, beside = os.path.join(where, "calibration.db"), Path(where)
     else:
         beside = None
-    with tempfile.TemporaryDirectory(prefix="spherecal-") as scratch:
-        paths, number, torn, remark = with_command(_native, "export")(where, run, file, beside, Path(scratch))
-        # Since version 3, pandas reads every number to its own bits without being asked.
-        exact = {"float_precision": "round_trip"} if int(frames.__version__.split(".")[0]) < 3 else {}
-        tables = {Path(p).stem: frames.read_csv(p, **exact) for p in paths}
+    found, number, torn, remark = with_command(_native, "tables")(where, run, file, beside)
+    pieces: dict[str, list[Any]] = {}
+    for name, columns in found:
+        pieces.setdefault(name, []).append(frames.DataFrame(dict(columns)))
+    tables = {name: frames.concat(parts, ignore_index=True) for name, parts in pieces.items()}
     if remark:
         print(f"spherecal: {remark}", file=sys.stderr)
     for piece in torn:
@@ -145,7 +144,6 @@ def read_run(
     for table in tables.values():
         table.attrs["run"] = number
     return tables
-
 
 
 def simulate(

@@ -4,8 +4,9 @@ use std::ffi::OsString;
 use std::io::Write as _;
 use std::path::PathBuf;
 
+use numpy::PyArray1;
 use pyo3::prelude::*;
-use spherecal::export::{ExportError, Format};
+use spherecal::export::{Column, ExportError, ExportTable};
 use spherecal::job::{Config, JobError, open_store, run_telemetry};
 use spherecal::simulated::prepare;
 use spherecal::store::{StoreError, StoreLocation, UnknownScheme};
@@ -74,20 +75,34 @@ pub(crate) fn plan(
     })
 }
 
-/// Writes the tables of a run into a folder as CSV: their paths, the number of the run, the
-/// telemetry files that end in the middle of a record, and a remark for the user. The telemetry is
-/// the file `telemetry`, or else the run's own files in the folder `beside`.
+/// A table: its name, and its columns as arrays or lists of text.
+type Frame<'py> = (&'static str, Vec<(String, Bound<'py, PyAny>)>);
+
+fn frame<'py>(py: Python<'py>, table: ExportTable) -> PyResult<Frame<'py>> {
+    let columns = table.columns.into_iter().map(|(name, column)| {
+        let values = match column {
+            Column::Real(values) => PyArray1::from_vec(py, values).into_any(),
+            Column::Whole(values) => PyArray1::from_vec(py, values).into_any(),
+            Column::Text(values) => values.into_pyobject(py)?,
+        };
+        Ok((name, values))
+    });
+    Ok((table.name, columns.collect::<PyResult<_>>()?))
+}
+
+/// The tables of a run, that of the telemetry in pieces, the number of the run, the telemetry files that end in the middle
+/// of a record, and a remark for the user. The telemetry is the file `telemetry`, or else the run's own files in the folder
+/// `beside`.
 #[pyfunction]
-#[pyo3(signature = (store, run, telemetry, beside, folder))]
-pub(crate) fn export(
-    py: Python<'_>,
+#[pyo3(signature = (store, run, telemetry, beside))]
+pub(crate) fn tables<'py>(
+    py: Python<'py>,
     store: String,
     run: Option<i64>,
     telemetry: Option<PathBuf>,
     beside: Option<PathBuf>,
-    folder: PathBuf,
-) -> PyResult<(Vec<PathBuf>, i64, Vec<PathBuf>, Option<String>)> {
-    guarded(py, move || {
+) -> PyResult<(Vec<Frame<'py>>, i64, Vec<PathBuf>, Option<String>)> {
+    let (tables, run, torn, remark) = guarded(py, move || {
         let location: StoreLocation = store.parse().map_err(|unknown: UnknownScheme| {
             let remedy = "give the path of a database, or postgres://USER@HOST/DATABASE";
             Failure::input("store", format!("{}://...", unknown.scheme), remedy)
@@ -107,10 +122,12 @@ pub(crate) fn export(
             }
             (None, None) => (Vec::new(), None),
         };
-        let exported = spherecal::export::export(store.as_mut(), &info, &files, Format::Csv, &folder)?;
-        let torn = exported.torn_telemetry.into_iter().map(|torn| torn.file).collect();
-        Ok((exported.files, run, torn, remark))
-    })
+        let (tables, torn) = spherecal::export::tables(store.as_mut(), &info, &files)?;
+        let torn = torn.into_iter().map(|torn| torn.file).collect();
+        Ok((tables, run, torn, remark))
+    })?;
+    let frames = tables.into_iter().map(|table| frame(py, table));
+    Ok((frames.collect::<PyResult<_>>()?, run, torn, remark))
 }
 
 /// The command `spherecal` with these arguments; its exit code.

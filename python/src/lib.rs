@@ -34,7 +34,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     #[cfg(feature = "command")]
     {
         module.add_function(wrap_pyfunction!(job::plan, module)?)?;
-        module.add_function(wrap_pyfunction!(job::export, module)?)?;
+        module.add_function(wrap_pyfunction!(job::tables, module)?)?;
         module.add_function(wrap_pyfunction!(job::main, module)?)?;
     }
     Ok(())

@@ -66,9 +66,9 @@ def test_plans_that_cannot_be_made_are_refused():
             spherecal.plan(**arguments)
 
 
-# Fails if a run's tables are not what the run stored, or its telemetry is lost.
+# Fails if a run's tables are not those of `spherecal export`, bit by bit, or its telemetry is lost.
 def test_a_run_is_read_into_data_frames(command, tmp_path):
-    pytest.importorskip("pandas")
+    pandas = pytest.importorskip("pandas")
     ran = command("measure", "--poses", 9, "--out", tmp_path / "cell")
     assert ran.returncode in (0, 3), ran.stderr
     tables = spherecal.read_run(tmp_path / "cell")
@@ -78,6 +78,12 @@ def test_a_run_is_read_into_data_frames(command, tmp_path):
     telemetry = tables["telemetry"]
     assert len(telemetry) > 1000 and {"time_ns", "q1_rad", "force_x_n"} <= set(telemetry.columns)
     assert (np.diff(telemetry["time_ns"]) > 0).all()
+    assert command("export", "--csv", "--out", tmp_path / "cell").returncode == 0
+    files = {file.stem: file for file in (tmp_path / "cell" / "tables").glob("*.csv")}
+    assert set(files) == set(tables)
+    for name, file in files.items():
+        there = pandas.read_csv(file, keep_default_na=False, na_values=["NaN"])
+        pandas.testing.assert_frame_equal(tables[name], there, check_exact=True)
     # A second run in the folder: each run has its own telemetry.
     ran = command("measure", "--poses", 6, "--seed", 2, "--out", tmp_path / "cell")
     assert ran.returncode in (0, 3), ran.stderr

@@ -48,6 +48,11 @@ struct Summary {
 pub(super) fn run(args: &CertificateArgs) -> Result<Exit, CliError> {
     let path = args.result.join("summary.json");
     let name = path.display();
+    if !path.exists() {
+        return Err(CliError::input(format!(
+            "{name}: there is no such file: give the folder that `run`, `identify` or `report` wrote"
+        )));
+    }
     let text = read_text(&path, MOST_BYTES, "a summary has some hundred kilobytes").map_err(CliError::input)?;
     let Summary { mut certificate } = serde_json::from_str(&text).map_err(|e| {
         CliError::input(format!(

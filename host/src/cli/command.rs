@@ -1,5 +1,7 @@
 //! The commands.
 
+use std::path::Path;
+
 use clap::{Command, Parser, Subcommand};
 
 use super::args::{RunArgs, StoredArgs};
@@ -193,6 +195,23 @@ pub enum CliCommand {
                             spherecal store recover spherecal-out/calibration.db saved/calibration.db"
     )]
     Store(StoreArgs),
+}
+
+impl CliCommand {
+    /// The folder that the command writes its results into.
+    pub(super) fn results(&self) -> Option<&Path> {
+        Some(match self {
+            Self::Run(args) | Self::Measure(args) | Self::Plan(args) | Self::Teach(args) => &args.out,
+            Self::Init(args) => &args.out,
+            Self::Stability(args) => &args.run.out,
+            Self::Commission(args) if !args.show => &args.run.out,
+            Self::Impedance(args) => &args.run.out,
+            Self::Identify(args) => &args.out,
+            Self::Validate(args) | Self::Report(args) => &args.out,
+            Self::Export(args) => &args.out,
+            _ => return None,
+        })
+    }
 }
 
 #[cfg(test)]

@@ -35,10 +35,10 @@ use super::terminal_operator::{Entered, TerminalOperator};
 )]
 pub struct CommissionArgs {
     #[command(flatten)]
-    run: RunArgs,
+    pub(super) run: RunArgs,
     /// Print the commissionings that the database holds (those of --arm, if it is given), and do nothing else.
     #[arg(long)]
-    show: bool,
+    pub(super) show: bool,
 }
 
 /// The person at this terminal.

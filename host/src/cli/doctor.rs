@@ -13,6 +13,7 @@ use serde::Serialize;
 use super::doctor_realtime::RealTimeCheck;
 use super::exit::{CliError, Exit};
 use super::out::{out, outln};
+use super::writable;
 use spherecal_link::qemu::find_image;
 
 /// The Cortex-M7's Rust target.
@@ -256,22 +257,13 @@ fn processors() -> DoctorCheck {
     check("processors", "speed alone", true, format!("{count} usable"), "")
 }
 
-/// The nearest folder of `path` that exists.
-fn existing(path: &Path) -> PathBuf {
-    let whole = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-    whole
-        .ancestors()
-        .find(|folder| folder.exists())
-        .map_or_else(|| PathBuf::from("."), Path::to_owned)
-}
-
 fn folder(out: &Path) -> DoctorCheck {
-    let folder = existing(out);
-    let good = folder.is_dir() && may_use(&folder);
+    let folder = writable::existing(out);
+    let good = writable::written(&folder).is_ok();
     let found = if good {
         format!("{} can be written", folder.display())
     } else {
-        format!("{} is no folder that this user may write to", folder.display())
+        format!("{} is no folder that can be written", folder.display())
     };
     let mut answer = check("output folder", "every run", good, found, "choose another with --out");
     if !good {
@@ -282,7 +274,7 @@ fn folder(out: &Path) -> DoctorCheck {
 
 fn room(out: &Path) -> DoctorCheck {
     let needed_for = "databases and 1 kHz telemetry";
-    match free_bytes(&existing(out)) {
+    match free_bytes(&writable::existing(out)) {
         Some(free) => check(
             "disk space",
             needed_for,

@@ -14,12 +14,12 @@ use spherecal_store::StoreLocation;
 #[derive(Args, Clone, Debug)]
 pub struct ExportArgs {
     /// What to write.
-    #[arg(long, value_name = "FORMAT", default_value = "parquet")]
+    #[arg(long, value_name = "FORMAT", default_value = "csv")]
     pub format: ExportFormat,
-    /// The same as --format parquet (the default; needs the feature `parquet`).
+    /// The same as --format parquet (needs the feature `parquet`).
     #[arg(long, conflicts_with_all = ["csv", "format"])]
     pub parquet: bool,
-    /// The same as --format csv.
+    /// The same as --format csv, the default.
     #[arg(long, conflicts_with = "format")]
     pub csv: bool,
     /// Folder of the run. The tables are written to `tables` in it, a ROS 2 bag to `ros2`; tables of another run
@@ -48,7 +48,11 @@ pub enum ExportFormat {
 
 /// `spherecal export`
 pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
-    let wanted = if args.csv { ExportFormat::Csv } else { args.format };
+    let wanted = if args.parquet {
+        ExportFormat::Parquet
+    } else {
+        args.format
+    };
     if wanted == ExportFormat::Parquet && cfg!(not(feature = "parquet")) {
         return Err(CliError::input(ExportError::NoParquet));
     }

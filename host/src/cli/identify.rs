@@ -284,6 +284,12 @@ fn say_what_is_wrong(request: &StudyRequest, sources: Sources<'_>) -> Result<Exi
 /// `spherecal identify`
 pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
     let (Some(robot), Some(data)) = (&args.robot, args.data.first()) else {
+        if !args.out.join("calibration.db").exists() {
+            return Err(CliError::input(format!(
+                "there is no run in {}: give --robot and --data FILE.csv to identify from a table, or --out of an earlier run",
+                args.out.display()
+            )));
+        }
         return stages::report(&StoredArgs {
             out: args.out.clone(),
             json: args.json,

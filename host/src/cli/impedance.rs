@@ -40,7 +40,7 @@ const WAIT_S: f64 = 3600.0;
 )]
 pub struct ImpedanceArgs {
     #[command(flatten)]
-    run: RunArgs,
+    pub(super) run: RunArgs,
     /// Stiffness of translation at the beginning, in N/m.
     #[arg(long, value_name = "N/M", default_value_t = 400.0)]
     stiffness: f64,

@@ -51,6 +51,7 @@ mod teach;
 mod terminal_operator;
 mod text;
 mod ur_side;
+mod writable;
 
 use std::io::IsTerminal as _;
 use std::process::ExitCode;
@@ -145,6 +146,10 @@ pub fn finish(name: &str, verbose: u8, command: impl FnOnce() -> Result<Exit, Cl
 
 /// Runs what was asked for.
 fn execute(cli: Cli) -> Result<Exit, CliError> {
+    let main_job = Some(cli.run.out.as_path());
+    if let Some(out) = cli.command.as_ref().map_or(main_job, CliCommand::results) {
+        writable::check(out)?;
+    }
     match cli.command {
         None => run::run(&cli.run),
         Some(CliCommand::Run(args)) => run::run(&args),

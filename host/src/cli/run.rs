@@ -134,12 +134,6 @@ fn check_first(args: &RunArgs) -> Result<(), CliError> {
     if let Link::Serial(device) = &args.link {
         Serial::check(device)?;
     }
-    if args.out.exists() && !args.out.is_dir() {
-        return Err(CliError::input(format!(
-            "--out is {}, which is a file: give a folder",
-            args.out.display()
-        )));
-    }
     Ok(())
 }
 

@@ -18,14 +18,14 @@ const MODELS: [&str; 6] = [
     "known_laws",
 ];
 
-/// The result of a run: what was done, the answer, what to keep in mind, the files, and what to do next.
+/// The result of a run: the answer, what to keep in mind, what was done, the files, and what to do next.
 pub(super) fn result(summary: &Summary, files: &[PathBuf]) -> String {
-    let mut out = String::new();
+    let mut out = format!("\n{}", verdict(summary));
     let p = &summary.poses;
     let faults = summary.faults.len();
     let _ = writeln!(
         out,
-        "\n{}: {} of {} poses recorded on {} contacts, {faults} {}; {:.0} s of robot time in {:.1} s ({:.0}x)\n",
+        "\n{}: {} of {} poses recorded on {} contacts, {faults} {}; {:.0} s of robot time in {:.1} s ({:.0}x)",
         summary.robot,
         p.recorded,
         p.chosen,
@@ -36,12 +36,11 @@ pub(super) fn result(summary: &Summary, files: &[PathBuf]) -> String {
         summary.real_time_factor
     );
     if let Some(ended) = &summary.ended_early {
-        let _ = writeln!(out, "Ended early: {}\n", ended.words());
+        let _ = writeln!(out, "Ended early: {}", ended.words());
     }
     if let Some(drive) = &summary.drive {
-        let _ = writeln!(out, "Real time: {}\n", drive.words());
+        let _ = writeln!(out, "Real time: {}", drive.words());
     }
-    out.push_str(&verdict(summary));
     if !files.is_empty() {
         out.push_str("\nFiles:\n");
         for file in files {

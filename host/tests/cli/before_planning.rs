@@ -173,6 +173,28 @@ const MISTAKES: &[Mistake] = &[
         &["--out is a-file", "give a folder"],
     ),
     (
+        "a folder where none can be made",
+        &["run", "--out", "/proc/x"],
+        &["nothing can be written into /proc", "give another folder"],
+    ),
+    (
+        "such a folder for a table of poses",
+        &[
+            "identify", "--robot", "iiwa7", "--data", "a-file", "--plate", "paper", "--out", "/proc/x",
+        ],
+        &["nothing can be written into /proc"],
+    ),
+    (
+        "such a folder for a plan",
+        &["plan", "--out", "/proc/x"],
+        &["nothing can be written into /proc"],
+    ),
+    (
+        "such a folder for a commissioning",
+        &["commission", "--link", "fri:30299", "--out", "/proc/x"],
+        &["nothing can be written into /proc"],
+    ),
+    (
         "no such fault",
         &["run", "--inject", "earthquake"],
         &["\"earthquake\"", "human_push"],

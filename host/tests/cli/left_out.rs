@@ -23,7 +23,7 @@ const ASKED: [(&[&str], &str); 14] = [
     (&["run", "--store", "postgres://u@127.0.0.1:1/d"], "postgres"),
     (&["history", "--store", "postgres://u@127.0.0.1:1/d"], "postgres"),
     (&["export", "--parquet"], "parquet"),
-    (&["export"], "parquet"),
+    (&["export", "--format", "parquet"], "parquet"),
 ];
 
 /// Whether the program of these tests was built with a feature.

@@ -1,10 +1,11 @@
 //! The pages of the documentation, as a reader carries them out: every command of their blocks
 //! `console` in the order of the page, in an empty folder, with the exit code that the page states.
 //!
-//! A command ends with 0, or with the number of its remark `# exit code N`. Servers (`plant`,
-//! `controller`, `serve`) run on, as in another terminal. Other blocks are parsed alone
-//! (`docs::every_command_is_one_that_the_program_takes`): `console,hardware` needs a robot, a board or
-//! its images, `console,yours` files or machines of the reader, `console,sources` builds and tests.
+//! A command ends with 0, or with the number of its remark `# exit code N`, or `# exit code N: why`. Servers (`plant`,
+//! `controller`, `serve`) run on, as in another terminal. Blocks `console,wires` are the same in real time, over the
+//! robots' own interfaces. Other blocks are parsed alone (`docs::every_command_is_one_that_the_program_takes`):
+//! `console,hardware` needs a robot, a board or its images, `console,yours` files or machines of the reader,
+//! `console,sources` builds and tests.
 //! Blocks `text` are output, of which every line must be there; `text,layout` is none.
 
 use std::collections::BTreeSet;
@@ -48,13 +49,15 @@ impl Page {
             )
         } else {
             let code = remark.trim().strip_prefix("exit code ").unwrap_or("0");
+            let code = code.split(':').next().unwrap_or_default();
             writeln!(script, "{line}\nended $? {code} {number}")
         };
         written.expect("text");
     }
 
-    /// Reads a page; files that it shows are written into `folder`.
-    fn read(page: &Path, folder: &Path) -> Self {
+    /// Reads the commands of the page's blocks `console`, which may be of a kind; files that it shows are written into
+    /// `folder`.
+    fn read(page: &Path, folder: &Path, console: &str) -> Self {
         let mut found = Self {
             script: BEGIN.to_owned(),
             ..Self::default()
@@ -62,7 +65,7 @@ impl Page {
         for (head, text) in pieces(page) {
             let mut words = head.split_whitespace();
             match (words.next(), words.next()) {
-                (Some("console"), _) => {
+                (Some(head), _) if head == console => {
                     for line in text.lines().filter_map(|line| line.strip_prefix("$ ")) {
                         found.command(line);
                     }
@@ -78,7 +81,11 @@ impl Page {
 
 /// Carries a page out in `folder`. Every line of output that it shows must be there, and every file that is named.
 fn carry_out_in(folder: &Path, name: &str, files: &[&str]) -> String {
-    let page = Page::read(&root().join(name), folder);
+    carry_out_blocks(folder, name, "console", files)
+}
+
+fn carry_out_blocks(folder: &Path, name: &str, console: &str, files: &[&str]) -> String {
+    let page = Page::read(&root().join(name), folder, console);
     assert!(page.commands > 0, "{name} has no command");
     let program = Path::new(PROGRAM).parent().expect("a folder");
     let path = format!("{}:{}", program.display(), std::env::var("PATH").unwrap_or_default());
@@ -209,6 +216,28 @@ fn long_a_first_cell() {
 
 #[test]
 #[ignore = "long: scripts/test --long runs it"]
+fn long_a_simulated_run_with_your_robot() {
+    carry_out("docs/your-robot.md", &["try/report.html"]);
+}
+
+// One after the other: each page has its robot at the interface's own port.
+#[test]
+#[ignore = "long: scripts/test --long runs it"]
+fn long_simulated_robots_at_their_own_interfaces() {
+    for (name, files) in [
+        ("docs/robots/franka.md", &["spherecal-out/report.html"][..]),
+        ("docs/robots/kuka.md", &["spherecal-out/report.html"]),
+        ("docs/robots/ur.md", &["spherecal-out/report.html"]),
+        ("docs/tutorials/franka.md", &["wire/report.html"]),
+        ("docs/commands.md", &[]),
+    ] {
+        let folder = tempfile::tempdir().expect("a folder");
+        carry_out_blocks(folder.path(), name, "console,wires", files);
+    }
+}
+
+#[test]
+#[ignore = "long: scripts/test --long runs it"]
 fn long_the_signals_of_a_run() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
@@ -247,10 +276,10 @@ fn every_page_is_carried_out() {
         let heads: BTreeSet<String> = pieces(&page).into_iter().map(|(head, _)| head).collect();
         for head in heads.iter().filter(|head| head.starts_with("console")) {
             let why = head.strip_prefix("console").unwrap_or_default();
-            let known = ["", ",hardware", ",yours", ",sources"].contains(&why);
+            let known = ["", ",wires", ",hardware", ",yours", ",sources"].contains(&why);
             assert!(known, "{}: {head}", page.display());
         }
-        if heads.contains("console") {
+        if heads.contains("console") || heads.contains("console,wires") {
             checked += 1;
             let name = page.strip_prefix(root()).expect("a page of the sources");
             assert!(own.contains(&format!("\"{}\"", name.display())), "{}", name.display());

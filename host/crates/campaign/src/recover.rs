@@ -307,7 +307,7 @@ impl<'a> Campaign<'a> {
         };
         if way.len() > 1 {
             session.note(&format!(
-                "the straight motion to {what} is not clear: {} vias",
+                "the straight way to {what} is blocked: the arm moves over {} points beside it",
                 way.len() - 1
             ));
         }

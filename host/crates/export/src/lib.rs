@@ -126,10 +126,37 @@ pub fn export(
             exported.files.push(file.finish()?);
         }
     }
-    let (file, torn) = telemetry::export(telemetry, format, folder)?;
-    exported.files.extend(file);
-    exported.torn_telemetry = torn;
+    let mut file: Option<TableFile> = None;
+    exported.torn_telemetry = telemetry::read(telemetry, |table| {
+        let mut out = match file.take() {
+            Some(out) => out,
+            None => TableFile::create(folder, format, &table)?,
+        };
+        out.append(&table)?;
+        file = Some(out);
+        Ok(())
+    })?;
+    exported.files.extend(file.map(TableFile::finish).transpose()?);
     Ok(exported)
+}
+
+/// The same tables in memory; that of the telemetry in pieces, one after the other. Also the telemetry files that end in the
+/// middle of a record.
+///
+/// # Errors
+/// When the run or its telemetry cannot be read.
+pub fn tables(
+    store: &mut dyn CalibrationStore,
+    info: &RunInfo,
+    telemetry: &[PathBuf],
+) -> Result<(Vec<ExportTable>, Vec<TornFile>), ExportError> {
+    let mut tables = tables::of_run(store, info.run)?;
+    tables.retain(|table| table.rows() > 0);
+    let torn = telemetry::read(telemetry, |piece| {
+        tables.push(piece);
+        Ok(())
+    })?;
+    Ok((tables, torn))
 }
 
 #[cfg(test)]

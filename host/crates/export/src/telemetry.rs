@@ -1,49 +1,23 @@
 //! The telemetry of a run, from its MCAP files, as one wide table.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use spherecal_campaign::telemetry::messages::{JointState, PhaseState, Point32, Xyz};
-use spherecal_campaign::telemetry::{Period, TelemetryReader, Torn};
+use spherecal_campaign::telemetry::{Period, TelemetryReader};
 
-use super::{ExportError, ExportTable, Format, TableFile, TornFile};
+use super::{ExportError, ExportTable, TornFile};
 
 /// Rows held in memory: one row group of the file.
 const ROWS: usize = 1 << 16;
 
-/// Writes the samples of all files, one file after the other, as one table, if there are any. Also
-/// returns the files that end in the middle of a record.
-pub(super) fn export(
+/// Gives the samples of all files, one file after the other, to `append`, as pieces of one table. Returns the files that
+/// end in the middle of a record.
+pub(super) fn read(
     paths: &[PathBuf],
-    format: Format,
-    folder: &Path,
-) -> Result<(Option<PathBuf>, Vec<TornFile>), ExportError> {
-    let mut out = Out {
-        joints: 0,
-        file: None,
-        format,
-        folder,
-    };
-    let mut torn = Vec::new();
+    mut append: impl FnMut(ExportTable) -> Result<(), ExportError>,
+) -> Result<Vec<TornFile>, ExportError> {
+    let (mut joints, mut torn) = (None, Vec::new());
     for path in paths {
-        torn.extend(out.append(path)?.map(|read| TornFile {
-            file: path.clone(),
-            read,
-        }));
-    }
-    Ok((out.file.map(TableFile::finish).transpose()?, torn))
-}
-
-/// The table that is written. It has no file before the first sample.
-struct Out<'a> {
-    joints: usize,
-    file: Option<TableFile>,
-    format: Format,
-    folder: &'a Path,
-}
-
-impl Out<'_> {
-    /// Appends the samples of a file. Returns what was read if it ends in the middle of a record.
-    fn append(&mut self, path: &Path) -> Result<Option<Torn>, ExportError> {
         let unreadable = |what: String| ExportError::Telemetry {
             path: path.display().to_string(),
             what,
@@ -57,19 +31,14 @@ impl Out<'_> {
                 rows.push(period.map_err(|e| unreadable(e.to_string()))?);
             }
             let Some(first) = rows.first() else { break };
-            if self.file.is_none() {
-                self.joints = first.joints.position.len();
-            }
-            let table = table(&rows, self.joints);
-            let mut out = match self.file.take() {
-                Some(out) => out,
-                None => TableFile::create(self.folder, self.format, &table)?,
-            };
-            out.append(&table)?;
-            self.file = Some(out);
+            append(table(&rows, *joints.get_or_insert(first.joints.position.len())))?;
         }
-        Ok(reader.torn())
+        torn.extend(reader.torn().map(|read| TornFile {
+            file: path.clone(),
+            read,
+        }));
     }
+    Ok(torn)
 }
 
 /// The columns of some control periods. A message that the file lacks leaves NaN,

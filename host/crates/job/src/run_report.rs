@@ -2,7 +2,7 @@
 
 use crate::{Evaluation, Measurements, Summary};
 use spherecal_campaign::telemetry::ContactTrace;
-use spherecal_identify::validate::{Alignment, ValidationTable};
+use spherecal_identify::validate::{Alignment, ModelErrors, ValidationTable};
 use spherecal_model::LaserShot;
 use spherecal_report::calibration::{
     correlation, group_table, identifiability_words, outliers, parameter_rows, residual_points,
@@ -53,7 +53,11 @@ pub fn run_report(
         comparison: comparison(s),
         error_tables: e.table().map_or_else(|| judged::tables(e), error_tables),
         errors: e.table().map(errors).or(judged.map(judged::series)).unwrap_or_default(),
-        errors_axis: e.table().map(|_| "base by arcs").unwrap_or_default().to_owned(),
+        errors_axis: e
+            .table()
+            .map(|_| "base fitted to the points")
+            .unwrap_or_default()
+            .to_owned(),
         workspace: e
             .table()
             .map(|t| workspace(m, e, t))
@@ -92,8 +96,8 @@ pub fn run_report(
 fn comparison(s: &Summary) -> String {
     let of = |name: &str| {
         s.validation.models.get(name).map(|m| Error {
-            mean_mm: m.arcs.mean_mm,
-            max_mm: m.arcs.max_mm,
+            mean_mm: m.best_fit.mean_mm,
+            max_mm: m.best_fit.max_mm,
         })
     };
     match (of("nominal"), of("sphere")) {
@@ -108,7 +112,7 @@ fn comparison(s: &Summary) -> String {
 /// Compares the spheres with a laser tracker, once with the paper's model and once with the same
 /// full model: which has the smaller error, and by how much.
 fn against_the_laser(s: &Summary) -> String {
-    let mean = |name: &str| s.validation.models.get(name).map(|m| m.arcs.mean_mm);
+    let mean = |name: &str| s.validation.models.get(name).map(|m| m.best_fit.mean_mm);
     let Some(sphere) = mean("sphere") else {
         return String::new();
     };
@@ -130,40 +134,44 @@ fn against_the_laser(s: &Summary) -> String {
     [paper, equal].into_iter().flatten().collect()
 }
 
+/// The base fitted first: the expected error of the headline is that of the arm's shape, too.
 fn error_tables(table: &ValidationTable) -> Vec<ErrorTable> {
-    Alignment::ALL
+    let frames = [
+        (
+            Alignment::BestFit,
+            format!("Position errors on {} laser measurements", table.n),
+            "The base was fitted to the points: errors of the arm's shape alone.",
+        ),
+        (
+            Alignment::Arcs,
+            "Base measured by arcs".to_owned(),
+            "Table 5 of the paper: with the errors that the arcs have of base and tool.",
+        ),
+        (Alignment::Own, "Each model's own base".to_owned(), ""),
+    ];
+    let row = |m: &ModelErrors, alignment| {
+        let v = m.statistics(alignment);
+        ModelRow {
+            name: m.name.clone(),
+            mean_mm: v.mean_mm,
+            std_mm: v.std_mm,
+            min_mm: v.min_mm,
+            max_mm: v.max_mm,
+        }
+    };
+    frames
         .into_iter()
-        .map(|alignment| ErrorTable {
-            title: match alignment {
-                Alignment::Arcs => format!("Table 5: position errors on {} laser measurements", table.n),
-                other => {
-                    let title = other.title();
-                    title[..1].to_uppercase() + &title[1..]
-                }
-            },
-            caption: match alignment {
-                Alignment::Arcs => {
-                    "Base and tool frames were measured by arcs for all models, as in the paper.".to_owned()
-                }
-                Alignment::BestFit => "Errors of the arm's shape alone.".to_owned(),
-                Alignment::Own => "Errors with each model's own base.".to_owned(),
-            },
-            rows: table
-                .models
-                .iter()
-                .map(|m| {
-                    let v = m.statistics(alignment);
-                    ModelRow {
-                        name: m.name.clone(),
-                        mean_mm: v.mean_mm,
-                        std_mm: v.std_mm,
-                        min_mm: v.min_mm,
-                        max_mm: v.max_mm,
-                    }
-                })
-                .collect(),
+        .map(|(alignment, title, caption)| ErrorTable {
+            title,
+            caption: caption.to_owned(),
+            rows: table.models.iter().map(|m| row(m, alignment)).collect(),
         })
         .collect()
+}
+
+/// Errors of a model with the base fitted to the points, in mm.
+fn with_fitted_base(model: &ModelErrors) -> &[f64] {
+    &model.errors_mm[1]
 }
 
 fn errors(table: &ValidationTable) -> Vec<ErrorSeries> {
@@ -173,13 +181,13 @@ fn errors(table: &ValidationTable) -> Vec<ErrorSeries> {
         .filter(|m| ["nominal", "sphere", "laser"].contains(&m.name.as_str()))
         .map(|m| ErrorSeries {
             name: m.name.clone(),
-            errors_mm: m.errors_mm[0].clone(),
+            errors_mm: with_fitted_base(m).to_vec(),
         })
         .collect()
 }
 
 fn workspace(m: &Measurements, e: &Evaluation, table: &ValidationTable) -> Vec<WorkspacePoint> {
-    let of = |name: &str| table.models.iter().find(|m| m.name == name).map(|m| &m.errors_mm[0]);
+    let of = |name: &str| table.model(name).map(with_fitted_base);
     let (Some(nominal), Some(sphere)) = (of("nominal"), of("sphere")) else {
         return Vec::new();
     };
@@ -196,11 +204,7 @@ fn workspace(m: &Measurements, e: &Evaluation, table: &ValidationTable) -> Vec<W
 
 /// Predicted errors against those found with the base aligned.
 fn prediction(m: &Measurements, e: &Evaluation, table: &ValidationTable) -> PredictedAccuracy {
-    let found = table
-        .models
-        .iter()
-        .find(|m| m.name == "sphere")
-        .map(|m| m.errors_mm[1].as_slice());
+    let found = table.model("sphere").map(with_fitted_base);
     let pairs_mm: Vec<(f64, f64)> = m
         .shots(LaserShot::VALIDATE)
         .iter()

@@ -64,11 +64,7 @@ pub fn render(input: &ReportInput) -> Result<String, ChartError> {
         }
         footer { "Written by spherecal " (env!("CARGO_PKG_VERSION")) ". This file is complete and makes no network request." }
     };
-    Ok(document(
-        &format!("{} – calibration report", input.title),
-        &input.title,
-        &main,
-    ))
+    Ok(document(&input.title, &input.title, &main))
 }
 
 /// Numbers the figures.

@@ -7,6 +7,8 @@ use crate::Method;
 use crate::causes::log_tail;
 use crate::residuals::OUTLIER_SIGMAS;
 
+/// Name of the check that the arm is a real one.
+pub(super) const REAL_ARM: &str = "real_arm";
 /// Smallest share of the nominal mean error that a calibration should remove.
 const SMALL_GAIN: f64 = 0.05;
 /// Factor on the nominal largest error where the rows themselves judge: single rows
@@ -265,7 +267,7 @@ fn campaign(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
     };
     if campaign.simulated {
         let words = "SIMULATED: the arm was a simulation; the result says nothing of a real robot".to_owned();
-        checks.insert(0, Check::new("real_arm", None, None, false, words).qualifying());
+        checks.insert(0, Check::new(REAL_ARM, None, None, false, words).qualifying());
     }
     let recorded = evidence.recordings.experiment.observations.len();
     let lost = campaign.planned.saturating_sub(recorded);

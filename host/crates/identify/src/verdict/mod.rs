@@ -26,7 +26,7 @@ use crate::statement::{ExpectedErrors, Statement};
 use crate::validate::ValidationTable;
 use crate::{Calibration, GeometryOnly, Options};
 
-use checks::checks;
+use checks::{REAL_ARM, checks};
 
 /// Everything that a check may look at.
 #[derive(Clone, Copy)]
@@ -219,7 +219,9 @@ pub fn verdict(evidence: &Evidence<'_>) -> Verdict {
     let may_be_used = failed(true).next().is_none();
     let mut remarks: Vec<&Check> = failed(false).collect();
     remarks.sort_by(|a, b| b.weight.total_cmp(&a.weight));
-    let reasons = failed(true).chain(remarks).map(|c| c.words.clone()).collect();
+    // The headline says that an arm was simulated.
+    let said = failed(true).chain(remarks).filter(|c| c.name != REAL_ARM);
+    let reasons = said.map(|c| c.words.clone()).collect();
     let independent = evidence.table.is_some() || (evidence.judged.is_some() && !evidence.cross_validated);
     let means = match (independent, expected) {
         (false, Some(e)) => Some((e.nominal.work.mean, e.own.work.mean)),
