@@ -199,6 +199,7 @@ impl<const N: usize> Controller<N> {
             speeds: [0.0; N],
         });
         self.set_motion_limits();
+        self.take_drive();
         self.observer.reset();
         self.pressing.reset();
         self.shaper.reset();

@@ -131,6 +131,7 @@ impl<const N: usize> Controller<N> {
         let law = &self.procedure.law;
         let (gain, corner, bound) = (law.torque_loop_gain, law.torque_loop_rad_s, law.torque_loop_nm);
         let delivered = self.delivered(&snapshot, &state.tau);
+        self.watch_answer(&delivered);
         let limits = &self.procedure.limits;
         let (joints, envelope) = self.safety.parts();
         let violation = envelope

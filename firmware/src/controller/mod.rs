@@ -30,9 +30,9 @@ use spherecal_shared::protocol::host::{Event, Fault, LoopTiming, Phase, Sample, 
 use spherecal_shared::robot::Arm;
 
 use crate::Report;
-use crate::law::{Disturbance, Giving, JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench};
+use crate::law::{Actuation, Disturbance, Giving, JointSetpoint, Observer, Snapshot, TorqueLoop, TorqueShaper, Wrench};
 use crate::phases::{Activity, CartesianState, Departed};
-use crate::safety::{Admission, Instability, Pressing, SafetyMonitor};
+use crate::safety::{Admission, AnswerWatch, Instability, Pressing, SafetyMonitor};
 use costs::Costs;
 pub use costs::Stopwatch;
 use schedule::Schedule;
@@ -67,6 +67,11 @@ pub struct Controller<const N: usize> {
     configured: Option<Configured<N>>,
     procedure: Procedure,
     session: Option<DriveSession<N>>,
+    /// The drive as the law takes it: as it declares itself, or as much later as it shows.
+    drive: Actuation<N>,
+    answer: AnswerWatch<N>,
+    /// Delay that the drive has shown in this session, in periods.
+    shown: usize,
     period_s: f64,
 
     safety: SafetyMonitor<N>,
@@ -118,6 +123,9 @@ impl<const N: usize> Default for Controller<N> {
             configured: None,
             procedure: Procedure::default(),
             session: None,
+            drive: Actuation::default(),
+            answer: AnswerWatch::default(),
+            shown: 0,
             period_s: 1e-3,
             safety: SafetyMonitor::default(),
             instability: Instability::default(),

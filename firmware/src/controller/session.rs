@@ -16,7 +16,7 @@ use spherecal_shared::robot::JointLimits;
 use super::Controller;
 use crate::law::Actuation;
 use crate::phases::Activity;
-use crate::safety::Violation;
+use crate::safety::{AnswerWatch, Violation};
 
 /// A session with a drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,6 +27,7 @@ pub(super) struct DriveSession<const N: usize> {
     pub(super) torque_reversed: bool,
     pub(super) limits: [JointLimits; N],
     pub(super) actuation: Actuation<N>,
+    pub(super) latency_us: u32,
     pub(super) simulated: bool,
 }
 
@@ -62,8 +63,19 @@ impl<const N: usize> DriveSession<N> {
             torque_reversed: hello.torque_sign == TorqueSign::OfLink,
             limits,
             actuation: Actuation::new(motors, period_s, latency_s),
+            latency_us: hello.latency_us,
             simulated: hello.simulated,
         })
+    }
+
+    /// Delay that the drive declares, in whole periods.
+    fn known(&self) -> usize {
+        self.latency_us.div_ceil(self.period_us) as usize
+    }
+
+    /// Whether the torque that it measures is the one that it was sent: no motor is in between.
+    fn hides_motors(&self) -> bool {
+        self.actuation.motors.iter().all(|inertia| *inertia == 0.0)
     }
 }
 
@@ -100,6 +112,9 @@ impl<const N: usize> Controller<N> {
         }
         self.session_lost();
         self.session = Some(session);
+        self.answer = AnswerWatch::default();
+        self.shown = 0;
+        self.take_drive();
         self.safety.restart();
         self.set_motion_limits();
         self.snapshot = None;
@@ -125,13 +140,42 @@ impl<const N: usize> Controller<N> {
 
     /// What the law of the present phase may ask of the drive.
     pub(super) fn actuation(&self) -> Actuation<N> {
-        let drive = self
-            .session
-            .as_ref()
-            .map_or_else(Actuation::default, |session| session.actuation);
         match self.activity {
-            Activity::Approaching(_) => drive.in_approach(self.period_s),
-            _ => drive,
+            Activity::Approaching(_) => self.drive.in_approach(self.period_s),
+            _ => self.drive,
+        }
+    }
+
+    /// Takes the drive of the session for the law: as it declares itself, or as much later as it has shown, as far as
+    /// springs that are safe then still hold the arm.
+    pub(super) fn take_drive(&mut self) {
+        let Some(session) = &self.session else { return };
+        self.drive = session.actuation;
+        let known = session.known();
+        for periods in known + 1..=self.shown {
+            let latency_s = periods as f64 * f64::from(session.period_us) * 1e-6;
+            let later = Actuation::new(session.actuation.motors, f64::from(session.period_us) * 1e-6, latency_s);
+            if self
+                .configured
+                .as_ref()
+                .is_none_or(|configured| later.holds(&configured.arm))
+            {
+                self.drive = later;
+            }
+        }
+    }
+
+    /// Compares the torque that the drive has `delivered` (N m) with what was sent: a drive that answers later than it declares
+    /// gets springs for that delay for the rest of its session.
+    pub(super) fn watch_answer(&mut self, delivered: &[f64; N]) {
+        let Some(session) = self.session.as_ref().filter(|session| session.hides_motors()) else {
+            return;
+        };
+        let sent = self.last.as_ref().map_or(&[][..], |last| &last.tau);
+        let known = session.known().max(self.shown);
+        if let Some(periods) = self.answer.push(sent, delivered, known, self.period_s) {
+            self.shown = periods;
+            self.take_drive();
         }
     }
 

@@ -5,6 +5,7 @@
 //! ([`SafetyMonitor::admit`]). After the law it checks contact force and torque
 //! saturation ([`SafetyMonitor::watch`]). A [`Violation`] becomes a fault.
 
+mod answer;
 mod envelope;
 mod instability;
 mod plausibility;
@@ -20,6 +21,7 @@ use spherecal_shared::protocol::host::Fault;
 use spherecal_shared::robot::{DrivenRobot, JointLimits};
 
 use crate::law::Shaped;
+pub(crate) use answer::AnswerWatch;
 use envelope::Envelope;
 pub(crate) use envelope::workspace_clearance;
 pub(crate) use instability::Instability;
