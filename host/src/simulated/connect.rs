@@ -3,8 +3,8 @@
 use spherecal_job::connect::{controller, reliable};
 use spherecal_job::{ConnectedDevice, Connection, FaultyJournal, JobError, Link, PreparedRun};
 use spherecal_link::qemu::{Qemu, QemuOptions};
-use spherecal_link::tcp::{RemoteDrive, check_limits};
-use spherecal_link::{Controller, Device, Drive as _, Injected, LinkError, controller_in_process};
+use spherecal_link::tcp::RemoteDrive;
+use spherecal_link::{Controller, Device, Drive as _, Injected, LinkError, check_drive, controller_in_process};
 use spherecal_sim::inject::{FaultPlan, FaultyCell, FaultyDrive, HostFaultJournal};
 use spherecal_sim::{InjectedCounter, LossyDevice, simulated_arm};
 
@@ -105,7 +105,7 @@ fn faulty(
 /// A drive in lock-step, as fault injection needs it.
 fn lock_step_drive(prepared: &PreparedRun, link: &Link, address: &str) -> Result<RemoteDrive, JobError> {
     let drive = RemoteDrive::connect(address).map_err(LinkError::from)?;
-    check_limits(&drive.hello().limits, &prepared.robot).map_err(LinkError::from)?;
+    check_drive(drive.hello(), &prepared.robot)?;
     if drive.hello().lock_step {
         Ok(drive)
     } else {

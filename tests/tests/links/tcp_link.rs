@@ -8,8 +8,10 @@ use std::thread;
 use std::time::Duration;
 
 use nalgebra::Vector3;
-use spherecal::link::tcp::{DriveServer, Remote, RemoteDrive, Threaded, check_limits, controller_server, listen};
-use spherecal::link::{Device, Drive, HostEndpoint, LinkError, LocalDevice, Timing, controller_in_process};
+use spherecal::link::tcp::{DriveServer, Remote, RemoteDrive, Threaded, controller_server, listen};
+use spherecal::link::{
+    Device, Drive, HostEndpoint, LinkError, LocalDevice, Timing, check_drive, controller_in_process,
+};
 use spherecal::plan::Plan;
 use spherecal::sim::plant::PlantConfig;
 use spherecal_shared::Joints;
@@ -201,7 +203,7 @@ fn hello() -> DriveHello {
 fn said_of(bytes: Vec<u8>) -> String {
     let connected = RemoteDrive::connect(&peer(bytes)).map_err(LinkError::from);
     let result = connected.and_then(|drive| {
-        check_limits(&drive.hello().limits, &iiwa7())?;
+        check_drive(drive.hello(), &iiwa7())?;
         LocalDevice::new(controller_in_process(7)?, Box::new(drive), 7)
     });
     result
@@ -245,7 +247,7 @@ fn a_drive_that_does_not_fit_is_refused_with_a_remedy() {
     );
     expect(
         changed(&|h| h.limits[0].min_rad = f64::NAN),
-        &["joint 1", "smallest angle", "NaN"],
+        &["joint 1", "smallest angle", "NaN", "give finite limits"],
     );
     // Another version of the hello has another key; so has any other message.
     expect(

@@ -4,7 +4,7 @@ use embassy_time::Instant;
 use proptest::prelude::*;
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::DriveState;
-use spherecal_shared::protocol::host::{Command, Fault, Phase};
+use spherecal_shared::protocol::host::{Command, Event, Fault, Phase};
 use spherecal_shared::robot::{Arm, Dynamics, iiwa7, iiwa7_tool};
 use std::vec::Vec;
 
@@ -48,15 +48,34 @@ fn tick(controller: &mut Controller<7>, state: &DriveState) -> Vec<f64> {
     command.tau.to_vec()
 }
 
+/// The faults that were reported since the last tick.
+fn faults(controller: &mut Controller<7>) -> Vec<Fault> {
+    core::iter::from_fn(|| controller.next_event())
+        .filter_map(|event| match event {
+            Event::Fault(fault) => Some(fault.fault),
+            _ => None,
+        })
+        .collect()
+}
+
 /// Ends the fault, moves to home and runs for two seconds. Returns torques and force.
-fn two_seconds_after(controller: &mut Controller<7>, from: u64) -> (Vec<f64>, [f64; 3]) {
+fn two_seconds_after(controller: &mut Controller<7>, mut from: u64) -> (Vec<f64>, [f64; 3]) {
+    let end = from + 2000;
     controller.command(Command::ClearFault).expect("always");
     tick(controller, &standing(from));
+    if controller.phase() == Phase::Fault {
+        // These states do not answer the torques of the hold, so its torque loop adds to them until they deviate for 20 ms:
+        // then a torque sensor fails, and that may be in this tick. The brakes close, and the next start knows of nothing.
+        assert_eq!(faults(controller), [Fault::TorqueSensor]);
+        controller.command(Command::ClearFault).expect("always");
+        from += 1;
+        tick(controller, &standing(from));
+    }
     let target = HOME.iter().copied().collect();
     assert_eq!(controller.command(Command::Move { target }), Ok(()));
     let mut last = Vec::new();
-    for k in 1..2000 {
-        last = tick(controller, &standing(from + k));
+    for now in from + 1..end {
+        last = tick(controller, &standing(now));
     }
     assert_eq!(controller.phase(), Phase::Idle, "the move ends");
     // These states do not answer the torques, so an angle that was wrong for a tick stays in the integral of the disturbance

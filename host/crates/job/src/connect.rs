@@ -3,8 +3,10 @@
 use std::path::Path;
 
 use spherecal_link::qemu::{Qemu, QemuOptions};
-use spherecal_link::tcp::{Remote, RemoteDrive, Threaded, check_limits};
-use spherecal_link::{Attended, Controller, Device, Drive as _, LinkError, LocalDevice, Serial, controller_in_process};
+use spherecal_link::tcp::{Remote, RemoteDrive, Threaded};
+use spherecal_link::{
+    Attended, Controller, Device, Drive as _, LinkError, LocalDevice, Serial, check_drive, controller_in_process,
+};
 use spherecal_model::robots::RobotModel;
 use spherecal_shared::robot::Robot;
 use spherecal_store::Peer;
@@ -70,7 +72,7 @@ pub fn distant(model: &RobotModel, config: &Config, link: &Link) -> Result<Optio
         Link::Serial(device) => attended(Serial::open(device)?),
         Link::Tcp(address) => {
             let drive = RemoteDrive::connect(address).map_err(LinkError::from)?;
-            check_limits(&drive.hello().limits, robot).map_err(LinkError::from)?;
+            check_drive(drive.hello(), robot)?;
             if !drive.hello().lock_step {
                 return attended(Threaded::start(Box::new(drive), joints)?);
             }
@@ -79,12 +81,12 @@ pub fn distant(model: &RobotModel, config: &Config, link: &Link) -> Result<Optio
         }
         Link::Franka { .. } | Link::Fri(_) | Link::Ur { .. } => {
             let drive = native::drive(model, config, link)?;
-            check_limits(&drive.hello().limits, robot).map_err(LinkError::from)?;
+            check_drive(drive.hello(), robot)?;
             attended(Threaded::start(drive, joints)?)
         }
         Link::Controller(address) => {
             let remote = Remote::connect(address, joints)?;
-            check_limits(&remote.hello().limits, robot).map_err(LinkError::from)?;
+            check_drive(remote.hello(), robot)?;
             attended(remote)
         }
         Link::Grpc(peer) => remote_robot(robot, peer),

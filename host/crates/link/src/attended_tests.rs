@@ -147,3 +147,64 @@ fn a_link_that_fails_is_told() {
     assert_eq!(up, [1, 2, 3, 4]);
     assert!(device.step(&[], &mut up).is_err());
 }
+
+/// The fixed priority of this thread; 0 is that of an ordinary one.
+#[cfg(target_os = "linux")]
+fn priority() -> u32 {
+    let stat = std::fs::read_to_string("/proc/thread-self/stat").expect("Linux");
+    // The second field, the name, ends with a bracket; this is the fortieth.
+    let fields = stat.rsplit_once(')').expect("a name").1;
+    let field = fields.split_whitespace().nth(37).expect("forty fields");
+    field.parse().expect("a number")
+}
+
+/// A device that says the priority of the thread that serves it.
+#[cfg(target_os = "linux")]
+struct Scheduled {
+    waits: bool,
+}
+
+#[cfg(target_os = "linux")]
+impl Device for Scheduled {
+    fn waits(&self) -> bool {
+        self.waits
+    }
+
+    fn now_us(&self) -> u64 {
+        0
+    }
+
+    fn ticks(&self) -> u64 {
+        0
+    }
+
+    fn step(&mut self, _down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        up.push(priority() as u8);
+        std::thread::sleep(Duration::from_millis(1));
+        Ok(())
+    }
+
+    fn move_plate(&mut self, _place: u32) -> bool {
+        false
+    }
+}
+
+// Fails if the exchange with a controller whose time does not wait is done by an ordinary thread although the system permits
+// more, or if one in lock-step, which takes as much of a processor as there is, goes ahead of others.
+#[cfg(target_os = "linux")]
+#[test]
+fn only_what_cannot_wait_goes_ahead() {
+    let permitted = std::thread::spawn(|| {
+        spherecal_realtime::go_ahead();
+        priority()
+    });
+    let permitted = permitted.join().expect("no panic") as u8;
+    for (waits, expected) in [(false, permitted), (true, 0)] {
+        let mut device = Attended::start(Scheduled { waits }).expect("a thread");
+        let mut up = Vec::new();
+        for _ in 0..3 {
+            device.step(&[], &mut up).expect("a period");
+        }
+        assert_eq!((up[0], up[up.len() - 1]), (0, expected), "waits: {waits}");
+    }
+}

@@ -5,8 +5,9 @@ use spherecal_shared::protocol::drive::{
     DriveCommand, DriveHello, DriveState, MOST_LATENCY_US, MOST_MOTOR_KG_M2, NO_SESSION, PERIODS_US,
 };
 use spherecal_shared::protocol::frame::LinkCounters;
-use spherecal_shared::robot::JointLimits;
+use spherecal_shared::robot::{JointLimits, Robot};
 
+use super::tcp::check_limits;
 use super::{Controller, Device, Drive, LinkError};
 
 /// Periods after which the controller learns how punctual its loop is.
@@ -171,6 +172,15 @@ pub fn check_hello(hello: &DriveHello, joints: usize) -> Result<(), LinkError> {
         });
     }
     Ok(())
+}
+
+/// Checks a drive for the robot of this description, whose limits the plan was made with.
+///
+/// # Errors
+/// The first field of the hello that cannot be, or the first limit that is tighter than the description's.
+pub fn check_drive(hello: &DriveHello, robot: &Robot) -> Result<(), LinkError> {
+    check_hello(hello, robot.dof())?;
+    Ok(check_limits(&hello.limits, robot)?)
 }
 
 #[cfg(test)]

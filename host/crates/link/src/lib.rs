@@ -43,7 +43,7 @@ use spherecal_shared::protocol::frame::{FrameError, LinkCounters};
 use spherecal_shared::protocol::host::{LoopTiming, Refusal};
 
 pub use attended::Attended;
-pub use cell::{LocalDevice, check_hello};
+pub use cell::{LocalDevice, check_drive, check_hello};
 pub use endpoint::{Arrival, HostEndpoint, Timing};
 pub use fault::fault_name;
 pub use in_process::{InProcess, controller_in_process};

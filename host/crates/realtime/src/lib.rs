@@ -11,6 +11,8 @@ mod linux;
 /// Priority of the real-time thread, 1 to 99: above ordinary threads and most interrupts of a
 /// `PREEMPT_RT` kernel (50).
 pub const PRIORITY: i32 = 80;
+/// Priority of a thread that has a deadline of seconds: above ordinary threads, below all that has one of milliseconds.
+const AHEAD_PRIORITY: i32 = 10;
 /// Stack that is touched before the loop, in bytes.
 const STACK: usize = 256 * 1024;
 /// Size of a page, in bytes; a smaller one is touched more than once.
@@ -61,6 +63,13 @@ pub fn enter() -> Granted {
     {
         Granted::default()
     }
+}
+
+/// Lets the calling thread go ahead of all ordinary threads, where the system permits it: on a busy computer an ordinary one
+/// may wait for a processor for seconds.
+pub fn go_ahead() {
+    #[cfg(target_os = "linux")]
+    let _ = linux::go_ahead();
 }
 
 /// Writes to the stack, so that the loop meets no page fault there.

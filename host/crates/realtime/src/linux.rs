@@ -5,20 +5,24 @@
               gets valid memory of its own stack and has its errors checked"
 )]
 
-use super::{Granted, PRIORITY};
+use super::{AHEAD_PRIORITY, Granted, PRIORITY};
 
 pub(super) fn enter() -> Granted {
     Granted {
         memory_locked: lock_memory(),
         processor: pin(),
         // Last: the calls before it need not run with priority.
-        priority: fixed_priority(),
+        priority: fixed_priority(PRIORITY),
     }
 }
 
-fn fixed_priority() -> bool {
+pub(super) fn go_ahead() -> bool {
+    fixed_priority(AHEAD_PRIORITY)
+}
+
+fn fixed_priority(priority: i32) -> bool {
     let parameters = libc::sched_param {
-        sched_priority: PRIORITY,
+        sched_priority: priority,
     };
     // SAFETY: the parameters live until the call returns; 0 is the calling thread.
     unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) == 0 }

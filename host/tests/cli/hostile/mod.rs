@@ -63,8 +63,13 @@ fn waits(error: &std::io::Error) -> bool {
 fn drain(wire: &mut dyn End) -> std::io::Result<()> {
     match wire.read(&mut [0; 1 << 14]) {
         Ok(0) => Err(ErrorKind::ConnectionAborted.into()),
-        Err(e) if !waits(&e) => Err(e),
-        _ => Ok(()),
+        Ok(_) => Ok(()),
+        Err(e) if waits(&e) => {
+            // A pseudo-terminal does not wait by itself.
+            pause(1);
+            Ok(())
+        }
+        Err(e) => Err(e),
     }
 }
 
