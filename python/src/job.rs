@@ -78,7 +78,7 @@ pub(crate) fn plan(
 /// A table: its name, and its columns as arrays or lists of text.
 type Frame<'py> = (&'static str, Vec<(String, Bound<'py, PyAny>)>);
 
-fn frame<'py>(py: Python<'py>, table: ExportTable) -> PyResult<Frame<'py>> {
+fn frame(py: Python<'_>, table: ExportTable) -> PyResult<Frame<'_>> {
     let columns = table.columns.into_iter().map(|(name, column)| {
         let values = match column {
             Column::Real(values) => PyArray1::from_vec(py, values).into_any(),
@@ -95,13 +95,13 @@ fn frame<'py>(py: Python<'py>, table: ExportTable) -> PyResult<Frame<'py>> {
 /// `beside`.
 #[pyfunction]
 #[pyo3(signature = (store, run, telemetry, beside))]
-pub(crate) fn tables<'py>(
-    py: Python<'py>,
+pub(crate) fn tables(
+    py: Python<'_>,
     store: String,
     run: Option<i64>,
     telemetry: Option<PathBuf>,
     beside: Option<PathBuf>,
-) -> PyResult<(Vec<Frame<'py>>, i64, Vec<PathBuf>, Option<String>)> {
+) -> PyResult<(Vec<Frame<'_>>, i64, Vec<PathBuf>, Option<String>)> {
     let (tables, run, torn, remark) = guarded(py, move || {
         let location: StoreLocation = store.parse().map_err(|unknown: UnknownScheme| {
             let remedy = "give the path of a database, or postgres://USER@HOST/DATABASE";
