@@ -167,6 +167,9 @@ impl<const N: usize> Controller<N> {
 
     /// Compares the torque that the drive has `delivered` (N m) with what was sent: a drive that answers later than it declares
     /// gets springs for that delay for the rest of its session.
+    ///
+    /// Not inlined: the fast memory of a board has no room for it beside the law.
+    #[inline(never)]
     pub(super) fn watch_answer(&mut self, delivered: &[f64; N]) {
         let Some(session) = self.session.as_ref().filter(|session| session.hides_motors()) else {
             return;
