@@ -143,7 +143,7 @@ impl Default for Law {
 pub struct Motion {
     /// Largest joint speed, in rad/s.
     pub speed_rad_s: f64,
-    /// Largest joint acceleration, in rad/s².
+    /// Largest joint acceleration, in rad/s². With 2.5 a motion that ends near a stop of an FR3 is faster than it permits there.
     pub acceleration_rad_s2: f64,
     /// Natural frequency of the joint spring-damper, in rad/s. Stiffness and
     /// damping follow from it and from the mass matrix.
@@ -158,7 +158,7 @@ impl Default for Motion {
     fn default() -> Self {
         Self {
             speed_rad_s: 1.5,
-            acceleration_rad_s2: 2.5,
+            acceleration_rad_s2: 1.9,
             natural_rad_s: 20.0,
             tolerance_rad: 0.02,
             settle_s: 3.0,
