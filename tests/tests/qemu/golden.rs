@@ -55,7 +55,14 @@ fn run(controller: impl Controller) -> (String, u64) {
     let mut away = HOME;
     away[0] += 0.1;
     away[3] -= 0.05;
-    let mut bench = Bench::configured(controller, &away, SEED, Procedure::default());
+    // The motions and the spring of the paper: they take longer, and so cover more ticks.
+    let mut procedure = Procedure {
+        motion: Procedure::default().paper().motion,
+        approach: Procedure::default().paper().approach,
+        ..Procedure::default()
+    };
+    procedure.couple.hold_s = 1.0;
+    let mut bench = Bench::configured(controller, &away, SEED, procedure);
     let mut tick = |bench: &mut Bench<_>, until: Phase, most: u64| {
         let last = bench.tick + most;
         loop {
