@@ -40,7 +40,10 @@ impl Scene {
             force_n: 0.0,
             elapsed_s: 0.0,
             period_s: 1e-3,
-            procedure: Procedure::default(),
+            procedure: Procedure {
+                motion: Procedure::default().paper().motion,
+                ..Procedure::default()
+            },
             joints: core::array::from_fn(|i| iiwa7().joints[i].limits),
         }
     }

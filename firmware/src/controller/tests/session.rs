@@ -9,6 +9,7 @@ use spherecal_shared::protocol::host::{Command, Fault, Phase, Refusal};
 use spherecal_shared::robot::{Tool, built_in, iiwa7, iiwa7_tool};
 
 use crate::Controller;
+use crate::law::Actuation;
 use crate::testing::{Bench, HOME, hello};
 
 // Fails if a configured controller gives a torque before the drive's handshake, or
@@ -364,5 +365,20 @@ fn a_drive_too_late_for_the_inertia_that_it_shows_is_refused() {
         for name in ["iiwa7", "iiwa14", "fr3", "panda"] {
             assert_eq!(given::<7>(name, nothing, 1_000, 0.0, first), Ok(()), "{name}");
         }
+    }
+}
+
+// Fails if a drive that answers later than it declares keeps the springs for what it declares, if a prompt one gets others, or
+// if a session begins with what the last one has shown.
+#[test]
+fn a_delay_that_shows_softens_the_springs() {
+    let drive = |periods: usize| Actuation::new([0.0; 7], 1e-3, 1e-3 * periods as f64);
+    for delay in [0, 2] {
+        let mut bench = Bench::new(Bench::fast_procedure());
+        (bench.noise, bench.delay) = (1.0, delay);
+        bench.run(2_000);
+        assert_eq!(bench.controller.drive, drive(delay));
+        bench.controller.connect(&again(|_| ())).expect("a drive that fits");
+        assert_eq!(bench.controller.drive, drive(0));
     }
 }
