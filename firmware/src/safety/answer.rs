@@ -4,16 +4,19 @@
 //! noise, at rest too: the noise of the speeds passes through the law into the torque. So the changes are correlated at
 //! the delay, and at no other.
 
-/// Most periods of delay that it looks for.
+/// Most periods of delay that it looks for: one more than a handshake may declare at 1 kHz.
 const MOST: usize = 6;
-/// Time over which it remembers, in s.
+/// Time over which it remembers, in s: 250 ticks of seven joints tell a share within 0.024 where the sensors' noise is as
+/// large as the changes.
 const MEMORY_S: f64 = 0.25;
-/// Largest standard error of a share that tells something.
+/// Largest standard error of a share that tells something: a sixth of the smaller share below.
 const SURE: f64 = 0.05;
-/// Least share of the sent change that comes back at the delay, and by which it exceeds the share at the delay that is known.
+/// Least share of the sent change that comes back at the delay. Without a delay it is 1, and what a contact or a motor's own
+/// loop adds to the measured torque is not correlated.
 const SHARE: f64 = 0.5;
+/// Least share by which it exceeds that at the delay that is known: a smooth motion has the same share at all delays.
 const BEYOND: f64 = 0.3;
-/// Time for which it must show, in s.
+/// Time for which it must show, in s: as of a torque beyond its limit.
 const DWELL_S: f64 = 0.020;
 
 /// The watch over a drive with `N` joints.
