@@ -274,10 +274,12 @@ impl<const N: usize> Plant<N> {
         &self.declared_motors
     }
 
-    /// Delay of states and commands together, without steps, in s; half of the jitter included.
+    /// Delay of states and commands together that the drive declares, in s: without steps, and with half of the jitter of
+    /// each, unless the configuration says another.
     pub fn latency_s(&self) -> f64 {
         let drive = &self.config.drive;
-        drive.state_delay_s + drive.command_delay_s + drive.jitter_s
+        let own = drive.state_delay_s + drive.command_delay_s + drive.jitter_s;
+        drive.declared_s.unwrap_or(own)
     }
 
     /// What the last step, or the start, showed.

@@ -119,6 +119,9 @@ pub struct DriveConfig {
     pub step_s: f64,
     /// Length of these intervals, in s; 0 (default): no steps.
     pub step_every_s: f64,
+    /// Delay that the drive declares, in s. Default: the mean of the one that it has, without steps.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub declared_s: Option<f64>,
     /// Time constant of the actuators, in s: torque follows its command as a first-order lag. Default 0.
     pub actuator_lag_s: f64,
 }
