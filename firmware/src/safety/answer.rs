@@ -1,50 +1,71 @@
 //! How late a drive answers, from what it measures and what it was sent.
 //!
 //! A drive that hides its motors measures the torque that it was sent, as late as it answers. From tick to tick both change by
-//! noise, at rest too: the noise of the speeds passes through the law into the torque. So the changes are correlated at
-//! the delay, and at no other.
+//! noise, at rest too: the noise of the speeds passes through the law into the torque. So the rough parts of both are
+//! correlated at the delay, and at no other.
 
-/// Most periods of delay that it looks for: one more than a handshake may declare at 1 kHz.
-const MOST: usize = 6;
-/// Time over which it remembers, in s: 250 ticks of seven joints tell a share within 0.024 where the sensors' noise is as
-/// large as the changes.
+/// Most periods of delay that it looks for: 4 ms each way at 1 kHz.
+const MOST: usize = 8;
+/// Time over which it remembers, in s: 250 ticks of seven joints tell a share within 0.035 where the sensors' noise is as
+/// large as the torque's.
 const MEMORY_S: f64 = 0.25;
-/// Largest standard error of a share that tells something: a sixth of the smaller share below.
+/// Largest standard error of a share that tells something: a sixth of the share below.
 const SURE: f64 = 0.05;
-/// Least share of the sent change that comes back at the delay. Without a delay it is 1, and what a contact or a motor's own
-/// loop adds to the measured torque is not correlated.
-const SHARE: f64 = 0.5;
-/// Least share by which it exceeds that at the delay that is known: a smooth motion has the same share at all delays.
+/// Least share of the sent torque that comes back at the delay, beyond that at the delay that is known. Without noise it is 1, 0.5 of
+/// each where the delay is half a period more than a whole one, and 0 elsewhere. What a contact or a motor's own loop adds to the
+/// measured torque is not correlated.
 const BEYOND: f64 = 0.3;
 /// Time for which it must show, in s: as of a torque beyond its limit.
 const DWELL_S: f64 = 0.020;
 
+/// The part of a torque that changes within a few ticks, `x_k - 2 x_k-2 + x_k-4`: a motion has none. White noise is not
+/// correlated with itself a tick later there.
+#[derive(Clone, Debug)]
+struct Rough<const N: usize> {
+    /// The last four torques, newest first, in N m.
+    before: [[f64; N]; 4],
+}
+
+impl<const N: usize> Rough<N> {
+    #[inline]
+    fn push(&mut self, torque: &[f64; N]) -> [f64; N] {
+        let [one, two, three, four] = self.before;
+        self.before = [*torque, one, two, three];
+        core::array::from_fn(|i| torque[i] - 2.0 * two[i] + four[i])
+    }
+}
+
 /// The watch over a drive with `N` joints.
 #[derive(Clone, Debug)]
 pub(crate) struct AnswerWatch<const N: usize> {
-    /// Torques sent and measured one tick ago, in N m.
-    last: Option<([f64; N], [f64; N])>,
-    /// Changes of the sent torque, a ring; where the next one goes, and how many there are.
+    sent: Rough<N>,
+    measured: Rough<N>,
+    /// Rough parts of the sent torque, a ring; where the next one goes, and how many torques have come.
     changes: [[f64; N]; MOST + 1],
     next: usize,
     filled: usize,
-    /// Fading sums of the measured change times the sent one at each delay, and of the squares of both.
+    /// Fading sums of the measured part times the sent one at each delay, and of the squares of both.
     common: [f64; MOST + 1],
-    sent: f64,
-    measured: f64,
+    sent_square: f64,
+    measured_square: f64,
+    /// How many ticks these sums count for.
+    weight: f64,
     shows: u32,
 }
 
 impl<const N: usize> Default for AnswerWatch<N> {
     fn default() -> Self {
+        let rough = Rough { before: [[0.0; N]; 4] };
         Self {
-            last: None,
+            sent: rough.clone(),
+            measured: rough,
             changes: [[0.0; N]; MOST + 1],
             next: 0,
             filled: 0,
             common: [0.0; MOST + 1],
-            sent: 0.0,
-            measured: 0.0,
+            sent_square: 0.0,
+            measured_square: 0.0,
+            weight: 0.0,
             shows: 0,
         }
     }
@@ -57,31 +78,31 @@ impl<const N: usize> AnswerWatch<N> {
     pub(crate) fn push(&mut self, sent: &[f64], measured: &[f64; N], known: usize, period_s: f64) -> Option<usize> {
         let Ok(sent) = <[f64; N]>::try_from(sent) else {
             // The brakes were closed.
-            self.last = None;
             self.filled = 0;
             return None;
         };
-        let (last_sent, last_measured) = self.last.replace((sent, *measured))?;
-        let fade = period_s / MEMORY_S;
-        let keep = 1.0 - fade;
-        let (mut of_sent, mut of_measured, mut by) = (0.0, 0.0, [0.0; N]);
-        if let Some(change) = self.changes.get_mut(self.next) {
-            for i in 0..N {
-                change[i] = sent[i] - last_sent[i];
-                by[i] = measured[i] - last_measured[i];
-                of_sent += change[i] * change[i];
-                of_measured += by[i] * by[i];
-            }
+        let (change, by) = (self.sent.push(&sent), self.measured.push(measured));
+        if let Some(place) = self.changes.get_mut(self.next) {
+            *place = change;
         }
-        if self.filled <= MOST {
+        let newest = self.next;
+        self.next = (self.next + 1) % (MOST + 1);
+        // The oldest part is made of four more torques.
+        if self.filled < MOST + 4 {
             self.filled += 1;
-            self.next = (self.next + 1) % (MOST + 1);
             return None;
         }
-        self.sent = keep * self.sent + of_sent;
-        self.measured = keep * self.measured + of_measured;
-        let (mut at, mut best, mut most, mut expected) = (self.next, 0, 0.0, 0.0);
-        for (delay, common) in self.common.iter_mut().enumerate() {
+        let keep = 1.0 - period_s / MEMORY_S;
+        let (mut of_sent, mut of_measured) = (0.0, 0.0);
+        for i in 0..N {
+            of_sent += change[i] * change[i];
+            of_measured += by[i] * by[i];
+        }
+        self.sent_square = keep * self.sent_square + of_sent;
+        self.measured_square = keep * self.measured_square + of_measured;
+        self.weight = keep * self.weight + 1.0;
+        let mut at = newest;
+        for common in &mut self.common {
             let mut sum = 0.0;
             if let Some(change) = self.changes.get(at) {
                 for i in 0..N {
@@ -89,20 +110,23 @@ impl<const N: usize> AnswerWatch<N> {
                 }
             }
             *common = keep * *common + sum;
-            if *common > most {
-                (best, most) = (delay, *common);
-            }
-            if delay == known {
-                expected = *common;
-            }
             at = if at == 0 { MOST } else { at - 1 };
         }
-        self.next = (self.next + 1) % (MOST + 1);
-        // The variance of a share is that of the measured change over twice the sum of squares.
-        let sure = self.measured * fade <= 2.0 * N as f64 * SURE * SURE * self.sent;
-        let shows = sure && best > known && most > SHARE * self.sent && most - expected > BEYOND * self.sent;
+        // The variance of a share is that of the measured part over the sum of squares: twice that of white noise.
+        let sure = self.measured_square <= N as f64 * self.weight * SURE * SURE * self.sent_square;
+        let expected = self.common.get(known).map_or(f64::INFINITY, |common| common.max(0.0));
+        let most = self
+            .common
+            .iter()
+            .skip(known)
+            .fold(0.0f64, |most, common| most.max(common - expected));
+        let shows = sure && most > BEYOND * self.sent_square;
         self.shows = if shows { self.shows.saturating_add(1) } else { 0 };
-        (f64::from(self.shows) * period_s > DWELL_S).then_some(best)
+        if f64::from(self.shows) * period_s <= DWELL_S {
+            return None;
+        }
+        // Of two with a part each, the longer one counts unless it has less.
+        self.common.iter().rposition(|common| 2.0 * (common - expected) > most)
     }
 }
 
@@ -114,13 +138,13 @@ mod tests {
     /// What the watch finds within 2 s of 1 ms on a drive that answers `delay` periods late, with so much noise (N m) of its
     /// sensors about torques that change by 0.05 N m, and a motion of 100 N m/s on top; and after how many ticks.
     fn found(delay: usize, known: usize, noise_nm: f64, motion: bool) -> Option<(usize, u32)> {
-        let mut watch = AnswerWatch::<3>::default();
+        let mut watch = AnswerWatch::<7>::default();
         let mut seed = 1000 * delay as u64;
         let mut random = || {
             seed += 1;
             1.7 * random(seed)
         };
-        let mut sent = std::vec![[0.0; 3]; 10];
+        let mut sent = std::vec![[0.0; 7]; 10];
         (0..2000).find_map(|tick| {
             let swing = if motion {
                 10.0 * libm::sin(0.01 * f64::from(tick))
@@ -146,6 +170,20 @@ mod tests {
                 assert!(tick < 1000, "{tick}");
             }
         }
+    }
+
+    // Fails if a delay of some periods and a half is not found, though two delays have a half each, or counts as the shorter one.
+    #[test]
+    fn a_delay_of_a_part_of_a_period_shows() {
+        let mut watch = AnswerWatch::<3>::default();
+        let sent = |tick: u64| [0, 1, 2].map(|joint| 0.05 * random(3 * tick + joint));
+        let found = (10..2000u64).find_map(|tick| {
+            let (one, two) = (sent(tick - 3), sent(tick - 4));
+            let measured =
+                core::array::from_fn(|i| 0.45 * one[i] + 0.55 * two[i] + 0.02 * random(90_000 + 3 * tick + i as u64));
+            watch.push(&sent(tick), &measured, 0, 1e-3)
+        });
+        assert_eq!(found, Some(4));
     }
 
     // Fails if a delay that is known is reported, or one that is not there: of a prompt drive, of noise alone, or of a
