@@ -84,8 +84,18 @@ impl<const N: usize> Actuation<N> {
     /// Whether springs that are safe on this drive hold the last joint of `arm` against friction: it moves the
     /// least inertia.
     pub fn holds(&self, arm: &Arm<f64, N>) -> bool {
-        let inertia = arm.last_inertia() + self.motors.last().copied().unwrap_or(0.0);
-        self.joint_rad_s * self.joint_rad_s * inertia >= Self::SOFTEST_NM_RAD
+        self.joint_rad_s * self.joint_rad_s * self.last_inertia(arm) >= Self::SOFTEST_NM_RAD
+    }
+
+    /// Longest latency, in s, with which they do on a drive that is commanded once in `period_s` (s).
+    pub fn latest_s(&self, arm: &Arm<f64, N>, period_s: f64) -> f64 {
+        let lag_s = Self::JOINT_LAG_RAD * sqrt(self.last_inertia(arm) / Self::SOFTEST_NM_RAD);
+        (lag_s - 0.5 * period_s - self.smoothing_s).max(0.0)
+    }
+
+    /// Inertia that the last joint moves, its motor included, in kg m².
+    fn last_inertia(&self, arm: &Arm<f64, N>) -> f64 {
+        arm.last_inertia() + self.motors.last().copied().unwrap_or(0.0)
     }
 
     /// The same drive in an approach, commanded once in `period_s` (s).

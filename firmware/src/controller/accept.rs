@@ -60,6 +60,7 @@ impl<const N: usize> Controller<N> {
             Command::Move { target } => {
                 let target = array::<N>(target).ok_or(Refusal::Target)?;
                 self.idle()?;
+                self.answers_in_time()?;
                 if !self
                     .safety
                     .reachable(&target, self.procedure.limits.position_margin_rad)
@@ -184,12 +185,8 @@ impl<const N: usize> Controller<N> {
         self.changeable()?;
         let robot = self.robot.as_ref().ok_or(Refusal::NotConfigured)?;
         let arm = Arm::<f64, N>::new(robot, tool).map_err(|_| Refusal::Robot)?;
-        if self
-            .session
-            .as_ref()
-            .is_some_and(|session| !session.actuation.holds(&arm))
-        {
-            return Err(Refusal::TooLate);
+        if let Some(session) = &self.session {
+            session.holds(&arm)?;
         }
         let drive = self.session.as_ref().map(|session| &session.limits);
         self.safety.configure(robot, drive).map_err(|()| Refusal::Drive)?;
@@ -223,6 +220,7 @@ impl<const N: usize> Controller<N> {
     fn accept_approach(&mut self, approach: &ApproachCommand) -> Result<(), Refusal> {
         let direction = unit(approach.direction).ok_or(Refusal::Target)?;
         self.idle()?;
+        self.answers_in_time()?;
         self.cartesian.sphere = approach.sphere;
         self.cartesian.direction = direction;
         self.cartesian.tare = Wrench::default();
@@ -259,6 +257,7 @@ impl<const N: usize> Controller<N> {
         spring.check().map_err(|_| Refusal::Target)?;
         if !matches!(self.activity, Activity::Impedance(_)) {
             self.idle()?;
+            self.answers_in_time()?;
             self.keep_hold();
             self.cartesian.tare = Wrench::default();
             self.with_env(|env, cartesian| Activity::Impedance(ImpedanceHold::new(spring, env, cartesian)))?;

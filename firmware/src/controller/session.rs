@@ -11,7 +11,7 @@ use spherecal_shared::protocol::drive::{
     DriveHello, DriveStatus, MOST_LATENCY_US, MOST_MOTOR_KG_M2, NO_SESSION, PERIODS_US, TorqueSign,
 };
 use spherecal_shared::protocol::host::{Fault, Refusal};
-use spherecal_shared::robot::JointLimits;
+use spherecal_shared::robot::{Arm, JointLimits};
 
 use super::Controller;
 use crate::law::Actuation;
@@ -68,6 +68,18 @@ impl<const N: usize> DriveSession<N> {
         })
     }
 
+    /// Checks that a spring that is safe on this drive holds the arm.
+    pub(super) fn holds(&self, arm: &Arm<f64, N>) -> Result<(), Refusal> {
+        if self.actuation.holds(arm) {
+            return Ok(());
+        }
+        let latest_s = self.actuation.latest_s(arm, f64::from(self.period_us) * 1e-6);
+        Err(Refusal::TooLate {
+            latency_us: self.latency_us,
+            most_us: (latest_s * 1e6) as u32,
+        })
+    }
+
     /// Delay that the drive declares, in whole periods.
     fn known(&self) -> usize {
         self.latency_us.div_ceil(self.period_us) as usize
@@ -98,12 +110,8 @@ impl<const N: usize> Controller<N> {
                 Err(Refusal::Drive)
             };
         }
-        if self
-            .configured
-            .as_ref()
-            .is_some_and(|configured| !session.actuation.holds(&configured.arm))
-        {
-            return Err(Refusal::TooLate);
+        if let Some(configured) = &self.configured {
+            session.holds(&configured.arm)?;
         }
         if let Some(robot) = self.robot.as_ref().filter(|_| self.configured.is_some()) {
             self.safety
@@ -180,6 +188,16 @@ impl<const N: usize> Controller<N> {
             self.shown = periods;
             self.take_drive();
         }
+    }
+
+    /// Checks that the drive has not shown a delay for which no springs are safe: nothing may move then.
+    pub(super) fn answers_in_time(&self) -> Result<(), Refusal> {
+        let latency_us = self.period_us().saturating_mul(self.shown as u32);
+        if latency_us > MOST_LATENCY_US {
+            let most_us = MOST_LATENCY_US;
+            return Err(Refusal::TooLate { latency_us, most_us });
+        }
+        Ok(())
     }
 
     /// Whether the drive adds the gravity torque itself.

@@ -7,6 +7,7 @@ mod golden;
 mod guard;
 mod hostile;
 mod impedance;
+mod late;
 mod poison;
 mod pressing;
 mod sequences;

@@ -304,13 +304,18 @@ pub enum Refusal {
     /// The command's start is too far ahead.
     #[error("the command is to start more than 5 s from now: send it later")]
     Start,
-    /// No spring is safe and strong enough: the drive answers too late for the inertia that it shows.
+    /// The drive answers later than any safe spring bears that holds the arm, by its handshake or by what it has shown.
     #[error(
-        "the drive answers too late for the inertia that it shows at the last joint: no spring there is safe and strong \
-         enough against friction. Declare motor_kg_m2 in the drive's handshake if the motors show (for franka: and fri: in \
-         [cell.drive]), or run the controller nearer to the drive"
+        "the drive answers {latency_us} µs after a state; springs that are safe then and hold this arm against friction exist up to \
+         {most_us} µs. Run the controller nearer to the drive, or declare motor_kg_m2 in the drive's handshake if the motors \
+         show (for franka: and fri: in [cell.drive])"
     )]
-    TooLate,
+    TooLate {
+        /// How late it answers, in µs.
+        latency_us: u32,
+        /// How late it may answer, in µs.
+        most_us: u32,
+    },
 }
 
 /// One sample of the control loop, in single precision. Arrays have one value per
