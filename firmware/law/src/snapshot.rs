@@ -50,9 +50,9 @@ impl<const N: usize> Actuation<N> {
     /// drive may declare.
     const APPROACH_LATENCY_S: f64 = 10e-3;
 
-    /// Period and latency together, in s, from which on torques are smoothed if motors show.
-    /// Late damping drives a motor against a gear that gives way (`docs/design/control.md`). 1 kHz and 4 ms keep what they had.
-    const LATE_S: f64 = 5.5e-3;
+    /// Period and latency together, in s, beyond which torques are smoothed if motors show: a drive that answers at once at
+    /// 1 kHz, with a half. Late damping drives a motor against a gear that gives way (`docs/design/control.md`).
+    const LATE_S: f64 = 1.5e-3;
 
     /// Time constant of that low-pass, in s: with 14 ms motors still rang, with 35 ms retreats pressed. It counts as latency.
     const SMOOTHING_S: f64 = 25e-3;
