@@ -86,7 +86,9 @@ impl<const N: usize> Controller<N> {
         }
         match self.activity {
             Activity::Moving(_) => self.disturbance.forget_motion(),
-            Activity::Turning(_) => {
+            // A nest that has left its sphere has met nothing: what the turn has learned is of cables, and a hold without it
+            // throws a light wrist.
+            Activity::Turning(_) if violation.fault != Fault::ContactLost => {
                 let pole = self.procedure.law.observer_rad_s;
                 self.observer.forget_turn(self.safety.limits(), pole);
             }

@@ -213,3 +213,40 @@ fn a_controller_that_knows_nothing_can_retreat() {
     bench.until(Phase::Idle, 10_000);
     assert!(bench.tcp().z - before.z > 0.03);
 }
+
+// Fails if a turn follows the torque of a cable (5 N m/s) too slowly,
+// if a hold after a nest that has left its sphere does not go on with it, so that the cable throws a light wrist, or if that
+// after another fault of the turn does: it may have met something.
+#[test]
+fn what_a_turn_learns_of_a_cable_stays_where_the_nest_has_left() {
+    const CABLE_NM: f64 = 1.5;
+    for leaves in [true, false] {
+        let mut bench = Bench::coupled_by(Bench::fast_procedure());
+        bench.pose(0.3, true).expect("coupled");
+        bench.until(Phase::Turning, 100);
+        let before = bench.controller.disturbance.torque()[6];
+        // The sensor shows less than the law gives, as if something pulled the joint on.
+        for share in 1..=300 {
+            bench.torque_bias[6] = -CABLE_NM * f64::from(share) / 300.0;
+            bench.run(1);
+        }
+        let learned = bench.controller.observer.known()[6];
+        let beyond = CABLE_NM - bench.controller.safety.limits()[6].sensor_error_nm();
+        assert!(learned > 0.55 * beyond, "{learned} of {beyond} N m");
+        if leaves {
+            bench.sphere = None;
+            bench.push = Vector3::new(0.0, 0.0, 6.0);
+            bench.until_fault(2_000);
+            bench.expect_fault(Fault::ContactLost, Phase::Turning);
+        } else {
+            bench.blocked = true;
+            bench.until_fault(10_000);
+            bench.expect_fault(Fault::JointTorque, Phase::Turning);
+        }
+        let kept = before - bench.controller.disturbance.torque()[6];
+        assert!(
+            if leaves { kept > 0.55 * beyond } else { kept.abs() < 0.1 },
+            "{kept} N m"
+        );
+    }
+}
