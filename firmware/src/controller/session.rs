@@ -82,7 +82,7 @@ impl<const N: usize> DriveSession<N> {
 
     /// Delay that the drive declares, in whole periods.
     fn known(&self) -> usize {
-        self.latency_us.div_ceil(self.period_us) as usize
+        self.latency_us.div_ceil(self.period_us.max(1)) as usize
     }
 
     /// Whether the torque that it measures is the one that it was sent: no motor is in between.

@@ -115,18 +115,23 @@ impl<const N: usize> AnswerWatch<N> {
         // The variance of a share is that of the measured part over the sum of squares: twice that of white noise.
         let sure = self.measured_square <= N as f64 * self.weight * SURE * SURE * self.sent_square;
         let expected = self.common.get(known).map_or(f64::INFINITY, |common| common.max(0.0));
-        let most = self
-            .common
-            .iter()
-            .skip(known)
-            .fold(0.0f64, |most, common| most.max(common - expected));
+        let mut most = 0.0f64;
+        for common in &self.common {
+            most = most.max(common - expected);
+        }
         let shows = sure && most > BEYOND * self.sent_square;
         self.shows = if shows { self.shows.saturating_add(1) } else { 0 };
         if f64::from(self.shows) * period_s <= DWELL_S {
             return None;
         }
         // Of two with a part each, the longer one counts unless it has less.
-        self.common.iter().rposition(|common| 2.0 * (common - expected) > most)
+        let mut longest = 0;
+        for (delay, common) in self.common.iter().enumerate() {
+            if 2.0 * (common - expected) > most {
+                longest = delay;
+            }
+        }
+        (longest > known).then_some(longest)
     }
 }
 
