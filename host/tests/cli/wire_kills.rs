@@ -5,9 +5,12 @@
 use std::net::UdpSocket;
 use std::path::Path;
 use std::process::{Child, Command};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
 use spherecal::job::Config;
 use spherecal::simulated;
 use spherecal_fci::robot::{RobotConfig, RobotSide};
@@ -15,7 +18,7 @@ use spherecal_fci::wire::{RobotMode, Version};
 use spherecal_fri::robot::{CabinetConfig, CabinetSide, Tolerance};
 use spherecal_fri::wire::SessionState;
 
-use crate::kills::recorded;
+use crate::kills::{has_run, recorded};
 use crate::support::{start, text};
 
 /// What no step waits longer for: the robots of this test run in real time.
@@ -103,6 +106,53 @@ fn long_a_host_killed_over_the_franka_control_interface_goes_on() {
     assert_eq!(robot.shut_down().commands_after_stop, 0);
 }
 
+/// Kills the program at one instant of each tenth of a visit and lets another go on, each on a robot and with a database of its own.
+/// Fails if one that goes on does not finish. `robot` starts a robot; it gives the link to it and what ends it.
+fn killed_at_ten_instants<R>(name: &str, robot: impl Fn(&Config) -> (String, R)) {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let mut took = Duration::ZERO;
+    for instant in 0..=10 {
+        let folder = tempfile::tempdir().expect("a folder");
+        let config = cell(folder.path(), name);
+        let (link, _robot) = robot(&config);
+        let begun = Instant::now();
+        let mut host = measure(folder.path(), &link, &["--config", "cell.toml"]);
+        let mut how: &[&str] = &["--config", "cell.toml"];
+        if instant == 0 {
+            // Left alone, to know how long a visit takes.
+            let output = host.wait_with_output().expect("it ends");
+            assert!(output.status.success(), "{}", text(&output.stderr));
+            took = begun.elapsed();
+            continue;
+        }
+        let share = (f64::from(instant - 1) + rng.random::<f64>()) / 10.0;
+        std::thread::sleep(took.mul_f64(share));
+        host.kill().expect("a signal");
+        host.wait().expect("it ends");
+        let database = folder.path().join("cell/calibration.db");
+        if has_run(&database) {
+            how = &["--resume"];
+        }
+        let stored = recorded(&database);
+        let output = measure(folder.path(), &link, how).wait_with_output().expect("it ends");
+        assert!(output.status.success(), "at {share:.2}: {}", text(&output.stderr));
+        let all = recorded(&database);
+        assert!(all.starts_with(&stored), "a stored recording is lost or changed");
+        assert_eq!(all.len(), 4, "at {share:.2}");
+    }
+}
+
+// Fails if a run over the Franka Control Interface whose program is killed, at any instant of a visit, does not go on.
+#[test]
+#[ignore = "long: 20 minutes of real time"]
+fn long_a_host_killed_at_any_instant_over_the_franka_control_interface_goes_on() {
+    killed_at_ten_instants("panda", |config| {
+        let arm = simulated::robot(config, (0.0, 0.0)).expect("an arm");
+        let robot = RobotSide::start(RobotConfig::for_tests(Version::V5), Box::new(arm)).expect("a robot");
+        (format!("franka:{}", robot.address()), robot)
+    });
+}
+
 /// The application on the cabinet: wants its motion, and half a second after its end the next one.
 fn application(cabinet: &CabinetSide, ended: &AtomicBool) {
     let mut without_motion = Instant::now();
@@ -121,6 +171,43 @@ fn application(cabinet: &CabinetSide, ended: &AtomicBool) {
     }
 }
 
+/// The link to a cabinet that sends to a free port, and the cabinet.
+fn a_cabinet(config: &Config) -> (String, CabinetSide) {
+    let arm = simulated::robot(config, (0.0, 0.0)).expect("an arm");
+    let probe = UdpSocket::bind("127.0.0.1:0").expect("a free port");
+    let client = probe.local_addr().expect("an address");
+    drop(probe);
+    let side = CabinetConfig {
+        client,
+        tolerance: Tolerance::tolerant(),
+        ..CabinetConfig::new()
+    };
+    let cabinet = CabinetSide::start(side, Box::new(arm)).expect("a cabinet");
+    (format!("fri:{client}"), cabinet)
+}
+
+/// Ends the application of a cabinet.
+struct Ending(Arc<AtomicBool>);
+
+impl Drop for Ending {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+// Fails if a run over the Fast Robot Interface whose program is killed, at any instant of a visit, does not go on.
+#[test]
+#[ignore = "long: 20 minutes of real time"]
+fn long_a_host_killed_at_any_instant_over_the_fast_robot_interface_goes_on() {
+    killed_at_ten_instants("iiwa7", |config| {
+        let (link, cabinet) = a_cabinet(config);
+        let ended = Arc::new(AtomicBool::new(false));
+        let end = Arc::clone(&ended);
+        std::thread::spawn(move || application(&cabinet, &end));
+        (link, Ending(ended))
+    });
+}
+
 /// Ends the application, also when a test fails.
 struct Ends<'a>(&'a AtomicBool);
 
@@ -137,17 +224,8 @@ impl Drop for Ends<'_> {
 fn long_a_host_killed_over_the_fast_robot_interface_goes_on() {
     let folder = tempfile::tempdir().expect("a folder");
     let config = cell(folder.path(), "iiwa7");
-    let arm = simulated::robot(&config, (0.0, 0.0)).expect("an arm");
-    let probe = UdpSocket::bind("127.0.0.1:0").expect("a free port");
-    let client = probe.local_addr().expect("an address");
-    drop(probe);
-    let side = CabinetConfig {
-        client,
-        tolerance: Tolerance::tolerant(),
-        ..CabinetConfig::new()
-    };
-    let cabinet = CabinetSide::start(side, Box::new(arm)).expect("a cabinet");
-    let (link, database) = (format!("fri:{client}"), folder.path().join("cell/calibration.db"));
+    let (link, cabinet) = a_cabinet(&config);
+    let database = folder.path().join("cell/calibration.db");
     let moving = || cabinet.statistics().session == Some(SessionState::CommandingActive);
     let ended = AtomicBool::new(false);
     std::thread::scope(|scope| {
