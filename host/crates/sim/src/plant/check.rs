@@ -104,6 +104,7 @@ impl PlantConfig {
             ("drive.jitter_s", self.drive.jitter_s, 0.02),
             ("drive.step_s", self.drive.step_s, 0.02),
             ("drive.step_every_s", self.drive.step_every_s, 1e4),
+            ("drive.declared_s", self.drive.declared_s.unwrap_or(0.0), 0.02),
             ("drive.actuator_lag_s", self.drive.actuator_lag_s, 0.02),
         ];
         for (field, value, most) in sizes {
