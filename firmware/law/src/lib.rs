@@ -4,6 +4,7 @@
 #[cfg(test)]
 extern crate std;
 
+mod actuation;
 mod control_loop;
 #[cfg(test)]
 mod control_loop_tests;
@@ -31,6 +32,7 @@ mod testing;
 mod torque;
 mod torque_loop;
 
+pub use actuation::Actuation;
 pub use control_loop::{Goal, ImpedanceLoop, Output};
 pub use disturbance::{Disturbance, Excess, beyond_sensors};
 pub use error::LawError;
@@ -42,7 +44,7 @@ pub use live::Axes;
 pub use null_space::NullSpace;
 pub use observer::{Observer, Wrench};
 pub use passivity::{EnergyLimit, Withheld};
-pub use snapshot::{Actuation, Snapshot};
+pub use snapshot::Snapshot;
 pub use stiffness::{FullStiffness, Stiffness};
 pub use torque::{Shaped, TorqueShaper};
 pub use torque_loop::{TorqueLoop, poles};
