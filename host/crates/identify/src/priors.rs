@@ -32,8 +32,14 @@ pub const BASE_SIGMA_RAD: f64 = 0.1;
 pub const COMPLIANCE_MEAN: f64 = 3.2e-6;
 /// Prior sigma of joint compliance about [`COMPLIANCE_MEAN`], in rad/(N m).
 pub const COMPLIANCE_SIGMA: f64 = 2.4e-6;
-/// Prior of link bending and base tilt, zero mean, in rad/(N m).
-pub const BENDING_SIGMA: f64 = 1.5e-6;
+/// Prior mean of the bending of links, and its sigma, in rad/(N m). A link gives way to its load, so the sign is known; of all
+/// laws of a positive number whose mean is known, the exponential one says least, and its sigma is its mean. A tube of aluminium
+/// (0.4 m long, 120 mm wide, wall of 6 mm) has 1.6e-6; a real iiwa 14 has 5e-6 to 1e-5. With a mean of zero the splits of five real
+/// tables lost 1.8 % (the iiwa 14 from 20 to 40 rows 15 %).
+pub const BENDING: f64 = 3e-6;
+/// Prior of the tilt of the base, zero mean, in rad/(N m): it is the table's, and a rigid one is ordinary. With twice the sigma,
+/// simulated arms on rigid tables lost 3 %.
+pub const TILT_SIGMA: f64 = 1.5e-6;
 /// Prior of encoder harmonics of order 1, zero mean; order k has 1/k of it, in rad.
 pub const HARMONIC_SIGMA_RAD: f64 = 2e-4;
 
@@ -123,7 +129,8 @@ pub(crate) fn default_of(kind: Kind, experiment: &Experiment, layout: &Layout) -
             false,
             "wide: only the data say how the measured body is turned",
         ),
-        Kind::Bending(..) | Kind::Tilt(_) => (0.0, BENDING_SIGMA, false, "zero-mean random effect: a stiff link"),
+        Kind::Bending(..) => (BENDING, BENDING, false, "a link: a spring, so of known sign"),
+        Kind::Tilt(_) => (0.0, TILT_SIGMA, false, "zero-mean random effect: a stiff table"),
         Kind::Compliance(_) => (
             COMPLIANCE_MEAN,
             COMPLIANCE_SIGMA,

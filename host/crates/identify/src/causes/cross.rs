@@ -13,6 +13,7 @@ use super::linear::Linear;
 use crate::error::IdentifyError;
 use crate::hierarchy::constants::{CROSS_RAD, CROSS_RANGES, FACTORS};
 use crate::hierarchy::cross::columns;
+use crate::hierarchy::highest;
 
 /// Steps by the golden ratio for the noise, to 1 % of its interval, and for the size at each noise.
 const STEPS: (usize, usize) = (9, 14);
@@ -66,40 +67,5 @@ impl Cross {
             size_rad: CROSS_RAD * size,
             white,
         })
-    }
-}
-
-/// Where a function with one maximum is highest, by steps of the golden ratio, and its value near there.
-fn highest((mut low, mut high): (f64, f64), steps: usize, of: impl Fn(f64) -> f64) -> (f64, f64) {
-    const GOLDEN: f64 = 0.618_033_988_749_895;
-    let mut left = high - GOLDEN * (high - low);
-    let mut right = low + GOLDEN * (high - low);
-    let (mut at_left, mut at_right) = (of(left), of(right));
-    for _ in 0..steps {
-        if at_left > at_right {
-            (high, right, at_right) = (right, left, at_left);
-            left = high - GOLDEN * (high - low);
-            at_left = of(left);
-        } else {
-            (low, left, at_left) = (left, right, at_right);
-            right = low + GOLDEN * (high - low);
-            at_right = of(right);
-        }
-    }
-    (0.5 * (low + high), at_left.max(at_right))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    // Fails if the search misses the top of a hill, also beside the middle or at an end.
-    #[test]
-    fn the_highest_point_is_found() {
-        for top in [-2.9, -0.2, 1.7, 3.5] {
-            let (found, value) = highest((-3.0, 3.5), STEPS.0, |x| -(x - top) * (x - top));
-            assert!((found - top).abs() < 0.06, "{found}, {top}");
-            assert!((-0.04..=0.0).contains(&value), "{value}");
-        }
     }
 }

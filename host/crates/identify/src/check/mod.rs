@@ -73,13 +73,13 @@ impl Expectation {
             ("theta", links * priors::OFFSET_SIGMA_RAD),
             ("tool", links * priors::TOOL_SIGMA_M),
             ("compliance", effects * priors::COMPLIANCE_SIGMA),
-            ("bending", effects * priors::BENDING_SIGMA),
-            ("tilt", effects * priors::BENDING_SIGMA),
+            ("bending", effects * priors::BENDING),
+            ("tilt", effects * priors::TILT_SIGMA),
             ("harmonic", effects * priors::HARMONIC_SIGMA_RAD),
         ];
         for (group, sigma) in smaller {
             let set = Override {
-                nominal: (group == "compliance").then_some(0.0),
+                nominal: ["compliance", "bending"].contains(&group).then_some(0.0),
                 prior_sigma: Some(sigma),
                 ..Override::default()
             };

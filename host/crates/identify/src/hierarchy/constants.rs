@@ -3,7 +3,7 @@
 
 /// Factor by which the size of a group may differ from its ordinary size (1 sigma of the logarithm).
 ///
-/// * Lengths, twists, bending: makers differ by about 3 (KUKA machines to 0.2 mm, printed arms to 1 mm).
+/// * Lengths, twists, bending, tilt: makers differ by about 3 (KUKA machines to 0.2 mm, printed arms to 1 mm).
 /// * Offsets: mastering errors of 0.1 mrad to 30 degrees are ordinary, so a factor of 10.
 /// * Scale: from a laser tracker, 1e-6, to a camera, 1e-3, and a mistake, 1e-2: 10.
 /// * Tool: from a machined adapter to one that was measured by hand, 10.
@@ -20,7 +20,7 @@ pub(crate) const FACTORS: Factors = Factors {
 
 /// See [`FACTORS`].
 pub(crate) struct Factors {
-    /// Lengths, twists, bending, eccentricity and ripple.
+    /// Lengths, twists, bending, tilt, eccentricity and ripple.
     pub(crate) made: f64,
     /// Offsets, tool, scale and seats.
     pub(crate) wide: f64,

@@ -19,6 +19,7 @@ mod scale;
 pub(crate) mod sizes;
 mod start;
 mod tails;
+pub(crate) use tails::highest;
 
 use std::collections::BTreeMap;
 
@@ -205,9 +206,7 @@ pub(crate) fn fit(
     covariance = &turn * covariance * turn.transpose();
     let open = OpenSizes::new(sizes.groups(&unknowns), &unknowns.deviation, &covariance);
     let mut table = table;
-    for (&column, precision) in unknowns.columns.iter().zip(&unknowns.precision) {
-        table[column].prior_sigma = precision.powf(-0.5);
-    }
+    sizes.describe(&unknowns, &mut table);
     Ok(Fit {
         layout,
         table,
@@ -321,7 +320,7 @@ impl<'a> Search<'a> {
             rounds += 1;
             let mut moved = f64::INFINITY;
             if rounds > FIRST_ROUNDS {
-                moved = self.sizes.update(&self.unknowns, &posterior.variances());
+                moved = self.sizes.update(&mut self.unknowns, &posterior.variances());
                 let seen = SeenRows {
                     state: &self.state,
                     layout: self.layout,

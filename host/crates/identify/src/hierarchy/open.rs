@@ -4,7 +4,8 @@
 //! determine them, leave a size open. To first order in its logarithm `l` the posterior moves by
 //! `dx = 2 P Λ x dl` and `dP = 2 P Λ P dl`, with the covariance `P` and the prior precision `Λ` of the group. The
 //! covariance of the logarithms is the inverse of their expected information (restricted likelihood, and hyperprior),
-//! `2 (δ (n − 2 tr P̃) + |P̃|²) + 1/s²` with `P̃ = Λ^½ P Λ^½` between two groups.
+//! `2 (δ (n − 2 tr P̃) + |P̃|²) + 1/s²` with `P̃ = Λ^½ P Λ^½` between two groups. A group whose mean is `r` times its size
+//! also pulls by that mean: `dx` gets `P Λ^½ r`, and the information `r² (n − Σ P̃)`.
 
 use nalgebra::{DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
@@ -27,6 +28,8 @@ pub(super) struct Group {
     pub(super) members: Vec<(usize, f64)>,
     /// Standard deviation of the logarithm of the size before the data.
     pub(super) spread: f64,
+    /// Mean of the members before the data, by their size.
+    pub(super) mean: f64,
 }
 
 impl OpenSizes {
@@ -38,9 +41,11 @@ impl OpenSizes {
         for (f, group) in groups.iter().enumerate() {
             information[(f, f)] = group.spread.powi(-2);
             for &(at, precision) in &group.members {
-                let push = 2.0 * precision * deviation[at];
+                let push = 2.0 * precision * deviation[at] + precision.sqrt() * group.mean;
                 shifts.column_mut(f).axpy(push, &covariance.column(at), 1.0);
-                information[(f, f)] += 2.0 - 4.0 * precision * covariance[(at, at)];
+                let shared = |&(other, p): &(usize, f64)| (precision * p).sqrt() * covariance[(at, other)];
+                let of_mean = 1.0 - group.members.iter().map(shared).sum::<f64>();
+                information[(f, f)] += 2.0 - 4.0 * precision * covariance[(at, at)] + group.mean.powi(2) * of_mean;
             }
             for (g, other) in groups.iter().enumerate() {
                 let pairs = group
@@ -124,16 +129,17 @@ mod tests {
         let group = || Group {
             members: vec![(0, 4.0)],
             spread: 2.0,
+            mean: 0.7,
         };
-        let pull = DVector::from_vec(vec![2.0, 1.0]);
+        // The mean is 0.7 of the size, which is 0.5.
         let at = |l: f64| {
             let lambda = 4.0 * (-2.0 * l).exp();
             let a = DMatrix::from_row_slice(2, 2, &[3.0 + lambda, 0.5, 0.5, 2.0]);
             let p = a.try_inverse().expect("regular");
-            (&p * &pull, p)
+            (&p * DVector::from_vec(vec![2.0 + lambda * 0.35 * l.exp(), 1.0]), p)
         };
         let (x, p) = at(0.0);
-        let open = OpenSizes::new(vec![group()], x.as_slice(), &p);
+        let open = OpenSizes::new(vec![group()], &[x[0] - 0.35, x[1]], &p);
         let slope: DVector<f64> = (at(1e-5).0 - at(-1e-5).0) / 2e-5;
         assert!((open.shifts.column(0) - slope).norm() < 1e-8, "{:?}", open.shifts);
         let columns = DMatrix::identity(2, 2);

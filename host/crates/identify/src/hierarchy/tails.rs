@@ -14,23 +14,34 @@ pub(super) fn tails(rows: &[(f64, f64)]) -> f64 {
         };
         rows.iter().map(row).sum::<f64>() - 0.5 * ((nu / TAILS.0).ln() / TAILS.1.ln()).powi(2)
     };
-    // Golden section over the logarithm: the likelihood has one maximum.
-    let ratio = 0.5 * (5.0_f64.sqrt() - 1.0);
-    let (mut low, mut high) = (TAILS_RANGE.0.ln(), TAILS_RANGE.1.ln());
-    for _ in 0..30 {
-        let (a, b) = (high - ratio * (high - low), low + ratio * (high - low));
-        if density(a.exp()) > density(b.exp()) {
-            high = b;
+    highest((TAILS_RANGE.0.ln(), TAILS_RANGE.1.ln()), 30, |l| density(l.exp()))
+        .0
+        .exp()
+}
+
+/// Where a function with one maximum is highest, by steps of the golden ratio, and its value near there.
+pub(crate) fn highest((mut low, mut high): (f64, f64), steps: usize, of: impl Fn(f64) -> f64) -> (f64, f64) {
+    const GOLDEN: f64 = 0.618_033_988_749_895;
+    let mut left = high - GOLDEN * (high - low);
+    let mut right = low + GOLDEN * (high - low);
+    let (mut at_left, mut at_right) = (of(left), of(right));
+    for _ in 0..steps {
+        if at_left > at_right {
+            (high, right, at_right) = (right, left, at_left);
+            left = high - GOLDEN * (high - low);
+            at_left = of(left);
         } else {
-            low = a;
+            (low, left, at_left) = (left, right, at_right);
+            right = low + GOLDEN * (high - low);
+            at_right = of(right);
         }
     }
-    (0.5 * (low + high)).exp()
+    (0.5 * (low + high), at_left.max(at_right))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::tails;
+    use super::{highest, tails};
 
     // Fails if normal residuals are given heavy tails, or heavy ones light tails, or if rows that the model follows count
     // as evidence of tails.
@@ -46,5 +57,15 @@ mod tests {
                 .collect()
         };
         assert!(tails(&followed(0.3)) > 1.5 * tails(&followed(5.0)));
+    }
+
+    // Fails if the search misses the top of a hill, also beside the middle or at an end.
+    #[test]
+    fn the_highest_point_is_found() {
+        for top in [-2.9, -0.2, 1.7, 3.5] {
+            let (found, value) = highest((-3.0, 3.5), 10, |x| -(x - top) * (x - top));
+            assert!((found - top).abs() < 0.06, "{found}, {top}");
+            assert!((-0.04..=0.0).contains(&value), "{value}");
+        }
     }
 }
