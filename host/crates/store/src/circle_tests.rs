@@ -112,22 +112,22 @@ fn a_newer_schema_is_refused_by_recovery_too() {
     let table = "CREATE TABLE moods (run BIGINT PRIMARY KEY, mood TEXT NOT NULL)";
     let whole = std::fs::read(&path).expect("read");
     for mark in [
-        "PRAGMA user_version = 6",
+        "PRAGMA user_version = 7",
         "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) \
-         VALUES (6, 'newer', 1, x'00', 1)",
+         VALUES (7, 'newer', 1, x'00', 1)",
     ] {
         std::fs::write(&path, &whole).expect("written");
         change(&path, &[column, table, mark]);
         let before = std::fs::read(&path).expect("read");
         let new = folder.path().join("new.db");
         let refusal = recover(&path, &new).expect_err("refused");
-        assert!(matches!(refusal, StoreError::Version { found: 6, .. }), "{refusal}");
+        assert!(matches!(refusal, StoreError::Version { found: 7, .. }), "{refusal}");
         assert!(!new.exists());
         assert_eq!(std::fs::read(&path).expect("read"), before);
     }
     // A damaged mark is damage: the tables are those that this program knows.
     std::fs::write(&path, &whole).expect("written");
-    change(&path, &["PRAGMA user_version = 7"]);
+    change(&path, &["PRAGMA user_version = 8"]);
     let new = folder.path().join("new.db");
     recover(&path, &new).expect("recovered");
     assert_eq!(checked(&new).len(), 20);

@@ -12,7 +12,7 @@ use sqlx::{AssertSqlSafe, ConnectOptions as _, Connection as _, SqlSafeStr as _,
 use super::StoreError;
 
 /// Version of the schema that this program writes. It also reads older versions.
-pub const SCHEMA_VERSION: i64 = 5;
+pub const SCHEMA_VERSION: i64 = 6;
 
 /// `SPHC`, in SQLite's application id: marks a database of spherecal.
 pub(super) const APPLICATION_ID: i64 = 0x5350_4843;
@@ -31,6 +31,7 @@ pub(super) static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
         step(3, "arm", include_str!("../migrations/0003_arm.sql")),
         step(4, "seals", include_str!("../migrations/0004_seals.sql")),
         step(5, "fleet", include_str!("../migrations/0005_fleet.sql")),
+        step(6, "overview", include_str!("../migrations/0006_overview.sql")),
     ])
 });
 

@@ -1,7 +1,9 @@
+use super::fleet::statements;
 use super::*;
 use spherecal_model::{LaserShot, paper_plate};
 use spherecal_shared::protocol::host::{Event, Fault, FaultReport, Phase, PhaseChange, Recording, SignalStatistics};
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
+use sqlx::{AssertSqlSafe, Row as _};
 
 pub(super) fn new_run() -> NewRun {
     NewRun {
@@ -177,7 +179,7 @@ fn an_older_schema_is_brought_up_to_date() {
     for statement in [
         "DROP INDEX results_by_name",
         "DROP INDEX runs_of_arm",
-        "DROP INDEX runs_by_arm",
+        "DROP INDEX runs_overview",
         "ALTER TABLE runs DROP COLUMN arm",
         "DROP TABLE greetings",
         "DROP TABLE digests",
@@ -207,6 +209,26 @@ fn an_older_schema_is_brought_up_to_date() {
     );
 }
 
+// Fails if an overview of all runs reads their rows, each of which has a plan of many pages, or if the past of one arm reads those
+// of others.
+#[test]
+fn an_overview_reads_indexes_alone() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut store = SqlStore::create_or_open(&folder.path().join("calibration.db")).expect("made");
+    for (one_arm, means) in [
+        (false, "SCAN runs USING COVERING INDEX runs_overview"),
+        (true, "runs_of_arm (arm=?)"),
+    ] {
+        let statement = statements(one_arm).into_iter().next().expect("that of the runs");
+        let explain = format!("EXPLAIN QUERY PLAN {}", statement.replace("$1", "'arm'"));
+        let plan = store
+            .block(async |c| sqlx::query(AssertSqlSafe(explain)).fetch_all(c).await)
+            .expect("a plan");
+        let plan: Vec<String> = plan.iter().map(|row| row.get("detail")).collect();
+        assert!(plan.len() == 1 && plan[0].contains(means), "{plan:?}");
+    }
+}
+
 // Fails if a database whose rows are sealed is sealed anew when it gets its indexes: damage from before would
 // then count as sound.
 #[test]
@@ -220,6 +242,8 @@ fn a_migration_seals_no_damage() {
         "UPDATE results SET json = '[]'",
         "DROP INDEX results_by_name",
         "DROP INDEX runs_of_arm",
+        "DROP INDEX runs_overview",
+        "CREATE INDEX runs_by_arm ON runs (robot, arm, created_utc)",
         "DELETE FROM _sqlx_migrations WHERE version > 4",
         "PRAGMA user_version = 4",
     ] {
