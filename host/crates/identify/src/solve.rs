@@ -89,7 +89,7 @@ impl Posterior {
     }
 
     /// Lower triangular `R` of the covariance `Rᵀ R` of the unknowns, SI units.
-    fn root(&self) -> DMatrix<f64> {
+    pub(crate) fn root(&self) -> DMatrix<f64> {
         let mut root = self.factor.inverse_root();
         for (mut column, scale) in root.column_iter_mut().zip(self.scale.iter()) {
             column *= *scale;
@@ -100,11 +100,6 @@ impl Posterior {
     /// Covariance of the unknowns, SI units.
     pub(crate) fn covariance(&self) -> DMatrix<f64> {
         gram_of_lower(&self.root())
-    }
-
-    /// Variances of the unknowns, SI units.
-    pub(crate) fn variances(&self) -> Vec<f64> {
-        self.root().column_iter().map(|column| column.norm_squared()).collect()
     }
 
     /// Turns `b`, a row of a Jacobian in each column, into `H` whose products `Hᵀ H` are the covariances of these rows.

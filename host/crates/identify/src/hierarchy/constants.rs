@@ -3,11 +3,11 @@
 
 /// Factor by which the size of a group may differ from its ordinary size (1 sigma of the logarithm).
 ///
-/// * Lengths, twists, bending, tilt: makers differ by about 3 (KUKA machines to 0.2 mm, printed arms to 1 mm).
+/// * Lengths, twists, tilt: makers differ by about 3 (KUKA machines to 0.2 mm, printed arms to 1 mm).
 /// * Offsets: mastering errors of 0.1 mrad to 30 degrees are ordinary, so a factor of 10.
 /// * Scale: from a laser tracker, 1e-6, to a camera, 1e-3, and a mistake, 1e-2: 10.
 /// * Tool: from a machined adapter to one that was measured by hand, 10.
-/// * Compliance: 3e-6 (catalogue of strain wave gears) to 6e-5 rad/(N m) (a real iiwa 7), 5.
+/// * Compliance, bending: 3e-6 (catalogue of strain wave gears) to 6e-5 rad/(N m) (a real iiwa 7), 5.
 /// * Eccentricity and ripple: as lengths. All joints of an arm have one size: with one of its own, a joint that moves little
 ///   takes what belongs to others (first orders of 7 mrad on a real UR10, ripple of 0.4 mrad in a simulated arm) and predicts
 ///   wrongly elsewhere. A factor of 1.5 in place of 3 moves no prediction by more than 5 %.
@@ -20,11 +20,11 @@ pub(crate) const FACTORS: Factors = Factors {
 
 /// See [`FACTORS`].
 pub(crate) struct Factors {
-    /// Lengths, twists, bending, tilt, eccentricity and ripple.
+    /// Lengths, twists, tilt, eccentricity and ripple.
     pub(crate) made: f64,
     /// Offsets, tool, scale and seats.
     pub(crate) wide: f64,
-    /// Compliance.
+    /// Compliance and bending.
     pub(crate) compliance: f64,
 }
 

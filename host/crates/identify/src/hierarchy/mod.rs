@@ -17,6 +17,7 @@ pub(crate) mod noise;
 pub(crate) mod open;
 mod scale;
 pub(crate) mod sizes;
+mod springs;
 mod start;
 mod tails;
 pub(crate) use tails::highest;
@@ -188,7 +189,7 @@ pub(crate) fn fit(
         Scale::Doubted => found.or_with_a_wrong_scale(),
     };
     let log_evidence = found.log_evidence();
-    let Found { search, posterior } = found;
+    let Found { search, posterior, .. } = found;
     let mut covariance = posterior.covariance();
     let Search {
         sizes,
@@ -252,6 +253,8 @@ struct Search<'a> {
 struct Found<'a> {
     search: Search<'a>,
     posterior: Posterior,
+    /// Whether nothing moved any more.
+    settled: bool,
 }
 
 impl Found<'_> {
@@ -320,7 +323,7 @@ impl<'a> Search<'a> {
             rounds += 1;
             let mut moved = f64::INFINITY;
             if rounds > FIRST_ROUNDS {
-                moved = self.sizes.update(&mut self.unknowns, &posterior.variances());
+                moved = self.sizes.update(&mut self.unknowns, &posterior.root());
                 let seen = SeenRows {
                     state: &self.state,
                     layout: self.layout,
@@ -336,6 +339,7 @@ impl<'a> Search<'a> {
                 return Ok(Found {
                     search: self,
                     posterior,
+                    settled: moved < SETTLED,
                 });
             }
         }

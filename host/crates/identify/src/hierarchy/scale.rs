@@ -18,9 +18,11 @@ impl Found<'_> {
         if self.median_m() > HOPELESS || !search.sizes.set(Family::Scale, WRONG_SCALE) {
             return self;
         }
-        // An arm that shrinks with its targets makes the noise of its joints small, and is no explanation.
+        // An arm that shrinks with its targets makes the noise of its joints small, and is no explanation; on the way there and
+        // back the search never settles.
         let fits = |wide: &Found<'_>| {
-            wide.scale().abs() < LARGEST_SCALE
+            wide.settled
+                && wide.scale().abs() < LARGEST_SCALE
                 && wide.median_m() <= SCALE_RESIDUAL * self.median_m()
                 && wide.log_evidence() > self.log_evidence() + SCALE_EVIDENCE
         };

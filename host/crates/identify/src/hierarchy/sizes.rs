@@ -12,9 +12,10 @@
 //! would, in a fraction of their rounds. Of bending the mean moves, too: the likelihood of its members is taken as it is, with the
 //! same gradient.
 
+use nalgebra::DMatrix;
+
 use super::constants::{ECCENTRIC_ORDERS, FACTORS, HARMONICS, SEAT_M, SEATS_NU};
-use super::highest;
-use super::open::Group;
+use super::{open::Group, springs};
 use crate::parameters::{Kind, Parameter};
 use crate::solve::Unknowns;
 
@@ -81,10 +82,10 @@ fn ordinary_of(family: Family, table: f64) -> f64 {
 /// Standard deviation of the logarithm of a group's size.
 fn spread_of(family: Family) -> f64 {
     match family {
-        Family::Lengths | Family::Twists | Family::Bending | Family::Tilt => FACTORS.made,
+        Family::Lengths | Family::Twists | Family::Tilt => FACTORS.made,
         Family::Eccentricity | Family::Ripple => FACTORS.made,
         Family::Offsets | Family::Tool | Family::Scale | Family::Seats => FACTORS.wide,
-        Family::Compliance => FACTORS.compliance,
+        Family::Compliance | Family::Bending => FACTORS.compliance,
     }
     .ln()
 }
@@ -102,30 +103,20 @@ fn mean_of(family: Family, parameter: &Parameter) -> f64 {
 pub(crate) struct Size {
     pub(crate) family: Family,
     /// Members: position among the unknowns, and factor.
-    members: Vec<(usize, f64)>,
+    pub(super) members: Vec<(usize, f64)>,
     /// Median of the hyperprior, SI unit of the members.
-    ordinary: f64,
+    pub(super) ordinary: f64,
     /// Standard deviation of its logarithm.
-    spread: f64,
+    pub(super) spread: f64,
     /// The present size.
     pub(crate) now: f64,
     /// Mean of the members by their size.
-    mean: f64,
+    pub(super) mean: f64,
     /// Weights of seats, by three members, of Student's t: a coupling that sat badly does not make the others uncertain.
-    weights: Vec<f64>,
+    pub(super) weights: Vec<f64>,
 }
 
 impl Size {
-    /// What the data tell of each member, as a measurement: value and variance.
-    fn measured(&self, unknowns: &Unknowns, variances: &[f64]) -> Vec<(f64, f64)> {
-        let measured = |&(at, factor): &(usize, f64)| {
-            let told = 1.0 - unknowns.precision[at] * variances[at];
-            let value = unknowns.deviation[at] / (told * factor) + self.mean * self.now;
-            (told > LEAST_TOLD).then(|| (value, variances[at] / (told * factor * factor)))
-        };
-        self.members.iter().filter_map(measured).collect()
-    }
-
     /// Weight of a member's prior.
     fn weight(&self, member: usize) -> f64 {
         self.weights.get(member / 3).copied().unwrap_or(1.0)
@@ -147,12 +138,6 @@ pub(crate) struct Strangeness {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Sizes(pub(crate) Vec<Size>);
 
-/// Least share of a member that the data tell: with less, the measurement is lost in rounding.
-const LEAST_TOLD: f64 = 1e-6;
-/// Sizes that are tried on each side of the ordinary one, and how far in standard deviations of the hyperprior.
-const GRID: (i32, f64) = (30, 3.0);
-/// Steps by the golden ratio between two of them, to 1e-5 of the size.
-const GOLDEN_STEPS: usize = 20;
 /// Newton steps for one size, and the largest change of its logarithm in one.
 const NEWTON: (usize, f64) = (20, 1.0);
 
@@ -209,8 +194,9 @@ impl Sizes {
         }
     }
 
-    /// One update of every size from the posterior's variances. Returns the largest change of a logarithm.
-    pub(crate) fn update(&mut self, unknowns: &mut Unknowns, variances: &[f64]) -> f64 {
+    /// One update of every size from the posterior's covariance `Rᵀ R`. Returns the largest change of a logarithm.
+    pub(crate) fn update(&mut self, unknowns: &mut Unknowns, root: &DMatrix<f64>) -> f64 {
+        let variances: Vec<f64> = root.column_iter().map(|column| column.norm_squared()).collect();
         let mut moved: f64 = 0.0;
         for size in &mut self.0 {
             let mean_square = |&(at, factor): &(usize, f64)| (unknowns.deviation[at] / factor).powi(2);
@@ -239,8 +225,7 @@ impl Sizes {
             let next = if size.mean == 0.0 {
                 penalised(sum, numbers, size.ordinary.ln(), size.spread, size.now.ln())
             } else {
-                let measured = size.measured(unknowns, variances);
-                with_mean(&measured, size.mean, size.ordinary.ln(), size.spread)
+                springs::size(&size.measured(unknowns, root), size.ordinary.ln(), size.spread)
             };
             let before = size.now;
             moved = moved.max((next - size.now.ln()).abs());
@@ -301,23 +286,9 @@ pub(crate) fn penalised(sum: f64, count: f64, middle: f64, spread: f64, start: f
     l
 }
 
-/// The logarithm of the size `t` that makes measurements `(y, v)`, `y ~ N(r t, t² + v)`, and its hyperprior most probable. Small
-/// values are those of a small size, or chance: there can be two maxima, so all sizes are tried.
-fn with_mean(measured: &[(f64, f64)], mean: f64, middle: f64, spread: f64) -> f64 {
-    let worth = |l: f64| {
-        let size = l.exp();
-        let each = |&(y, v): &(f64, f64)| (size * size + v).ln() + (y - mean * size).powi(2) / (size * size + v);
-        -0.5 * (measured.iter().map(each).sum::<f64>() + ((l - middle) / spread).powi(2))
-    };
-    let step = spread * GRID.1 / f64::from(GRID.0);
-    let grid = (-GRID.0..=GRID.0).map(|k| middle + step * f64::from(k));
-    let best = grid.max_by(|a, b| worth(*a).total_cmp(&worth(*b))).unwrap_or(middle);
-    highest((best - step, best + step), GOLDEN_STEPS, worth).0
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{penalised, with_mean};
+    use super::penalised;
 
     // Fails if a size is not the root mean square of many members, if one of no data leaves its hyperprior's
     // median, or if few members move it as far as many.
@@ -330,20 +301,5 @@ mod tests {
         assert!((none / 1e-3 - 1.0).abs() < 1e-9, "{none}");
         let few = penalised(2.0 * 4e-4, 2.0, middle, spread, middle).exp();
         assert!(few > 2e-3 && few < 2e-2, "{few}");
-    }
-
-    // Fails if many springs of mean and sigma 2e-3 do not give that size; if springs that are all 2e-3 do not give the
-    // size at which `−ln t − (y/t − 1)²/2` is largest, y (√5 − 1)/2; if springs that are hardly measured do not leave
-    // the ordinary size; or if many that are not there do not give a small one.
-    #[test]
-    fn a_size_follows_the_mean_of_springs() {
-        let size = |measured: &[(f64, f64)]| with_mean(measured, 1.0, 1e-3_f64.ln(), 3.0_f64.ln()).exp();
-        let scattered: Vec<_> = (0..10_000).map(|k| (4e-3 * f64::from(k % 2), 0.0)).collect();
-        assert!((size(&scattered) / 2e-3 - 1.0).abs() < 1e-3, "{}", size(&scattered));
-        let alike = size(&[(2e-3, 0.0); 10_000]);
-        assert!((alike / (1e-3 * (5.0_f64.sqrt() - 1.0)) - 1.0).abs() < 1e-3, "{alike}");
-        let unknown = size(&[(2e-3, 1.0); 12]);
-        assert!((unknown / 1e-3 - 1.0).abs() < 1e-2, "{unknown}");
-        assert!(size(&[(0.0, 1e-8); 12]) < 2e-4);
     }
 }
