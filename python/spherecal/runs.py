@@ -132,13 +132,11 @@ def read_run(
         where, beside = os.path.join(where, "calibration.db"), Path(where)
     else:
         beside = None
-    found, number, torn, remark = with_command(_native, "tables")(where, run, file, beside)
+    found, number, torn = with_command(_native, "tables")(where, run, file, beside)
     pieces: dict[str, list[Any]] = {}
     for name, columns in found:
         pieces.setdefault(name, []).append(frames.DataFrame(dict(columns)))
     tables = {name: frames.concat(parts, ignore_index=True) for name, parts in pieces.items()}
-    if remark:
-        print(f"spherecal: {remark}", file=sys.stderr)
     for piece in torn:
         print(f"spherecal: {piece} ends in the middle of a record: what stands before it is read", file=sys.stderr)
     for table in tables.values():

@@ -90,9 +90,8 @@ fn frame(py: Python<'_>, table: ExportTable) -> PyResult<Frame<'_>> {
     Ok((table.name, columns.collect::<PyResult<_>>()?))
 }
 
-/// The tables of a run, that of the telemetry in pieces, the number of the run, the telemetry files that end in the middle
-/// of a record, and a remark for the user. The telemetry is the file `telemetry`, or else the run's own files in the folder
-/// `beside`.
+/// The tables of a run, that of the telemetry in pieces, the number of the run, and the telemetry files that end in the
+/// middle of a record. The telemetry is the file `telemetry`, or else the run's own files in the folder `beside`.
 #[pyfunction]
 #[pyo3(signature = (store, run, telemetry, beside))]
 pub(crate) fn tables(
@@ -101,8 +100,8 @@ pub(crate) fn tables(
     run: Option<i64>,
     telemetry: Option<PathBuf>,
     beside: Option<PathBuf>,
-) -> PyResult<(Vec<Frame<'_>>, i64, Vec<PathBuf>, Option<String>)> {
-    let (tables, run, torn, remark) = guarded(py, move || {
+) -> PyResult<(Vec<Frame<'_>>, i64, Vec<PathBuf>)> {
+    let (tables, run, torn) = guarded(py, move || {
         let location: StoreLocation = store.parse().map_err(|unknown: UnknownScheme| {
             let remedy = "give the path of a database, or postgres://USER@HOST/DATABASE";
             Failure::input("store", format!("{}://...", unknown.scheme), remedy)
@@ -113,21 +112,17 @@ pub(crate) fn tables(
         let Some(info) = store.runs()?.into_iter().find(|info| info.run == run) else {
             return Err(Failure::input("run", run, &format!("give a number from 1 to {last}")));
         };
-        let (files, remark) = match (telemetry, beside) {
-            (Some(file), _) => (vec![file], None),
-            (None, Some(beside)) => {
-                let found = run_telemetry(&beside, &info);
-                let remark = found.remark();
-                (found.files, remark)
-            }
-            (None, None) => (Vec::new(), None),
+        let files = match (telemetry, beside) {
+            (Some(file), _) => vec![file],
+            (None, Some(beside)) => run_telemetry(&beside, &info),
+            (None, None) => Vec::new(),
         };
         let (tables, torn) = spherecal::export::tables(store.as_mut(), &info, &files)?;
         let torn = torn.into_iter().map(|torn| torn.file).collect();
-        Ok((tables, run, torn, remark))
+        Ok((tables, run, torn))
     })?;
     let frames = tables.into_iter().map(|table| frame(py, table));
-    Ok((frames.collect::<PyResult<_>>()?, run, torn, remark))
+    Ok((frames.collect::<PyResult<_>>()?, run, torn))
 }
 
 /// The command `spherecal` with these arguments; its exit code.

@@ -68,26 +68,20 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
     };
     let telemetry = run_telemetry(&args.out, &info);
     let exported = match wanted {
-        ExportFormat::Ros2 if telemetry.files.is_empty() => {
+        ExportFormat::Ros2 if telemetry.is_empty() => {
             return Err(CliError::input(format!(
                 "{} holds no telemetry of run {run}: a ROS 2 bag is made of telemetry; --format csv writes what is \
                  stored",
                 args.out.display()
             )));
         }
-        ExportFormat::Ros2 => export_ros2(&telemetry.files, &args.out.join("ros2")),
+        ExportFormat::Ros2 => export_ros2(&telemetry, &args.out.join("ros2")),
         wanted => {
             let format = match wanted {
                 ExportFormat::Csv => Format::Csv,
                 _ => Format::Parquet,
             };
-            export(
-                store.as_mut(),
-                &info,
-                &telemetry.files,
-                format,
-                &args.out.join("tables"),
-            )
+            export(store.as_mut(), &info, &telemetry, format, &args.out.join("tables"))
         }
     };
     let exported = exported.map_err(|e| match e {
@@ -103,9 +97,6 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
             "spherecal export: {} was of another run than {run}: it is removed",
             file.display()
         );
-    }
-    if let Some(remark) = telemetry.remark() {
-        errln!("spherecal export: {remark}");
     }
     for torn in &exported.torn_telemetry {
         errln!(

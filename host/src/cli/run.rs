@@ -330,7 +330,7 @@ pub(super) fn evaluate(
     store.put_result(info.run, FINGERPRINT, &json)?;
     let mut files = vec![store.path().to_owned()];
     files.extend(written.paths);
-    files.extend(job::run_telemetry(out, info).files);
+    files.extend(job::run_telemetry(out, info));
     if info.link == Link::Qemu.to_string() {
         files.push(out.join(LOG_FILE));
     }

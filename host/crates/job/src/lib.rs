@@ -61,6 +61,6 @@ pub use spherecal_identify::{Evaluation, Verdict};
 pub use stored::{StoredReport, contact_traces, open_store, put_contact_traces, stored_report};
 pub use summary::{LinkSummary, ModelSummary, PoseCounts, Summary, summarise};
 pub use teach::teach;
-pub use telemetry::{RunTelemetry, run_telemetry};
+pub use telemetry::run_telemetry;
 pub use waypoints::{TaughtWaypoint, TaughtWaypoints};
 pub use write::write;

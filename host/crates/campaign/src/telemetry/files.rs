@@ -4,9 +4,6 @@
 //! `telemetry-run-3-2.mcap`, `telemetry-run-3-3.mcap`, ... Each file also holds the number of its run
 //! and the time at which the run was created. So a file of an earlier database in the same folder is
 //! not taken for the file of a run with the same number.
-//!
-//! Earlier versions wrote messages in JSON, which are read no more: their files say of no profile that they are made for.
-//! Before that they wrote `telemetry.mcap`, `telemetry-2.mcap`, ... without a run.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -89,8 +86,8 @@ pub(super) fn free_name(folder: &Path, run: i64) -> PathBuf {
 }
 
 /// The telemetry files of a run in `folder`, in the order in which they were written. A file that
-/// another run wrote under this run's number is left out, as are [`files_of_earlier_versions`]. A file that was killed
-/// before its first sample is left out, too.
+/// another run wrote under this run's number, or another program, is left out, as is a file that was killed before its
+/// first sample.
 pub fn files_of_run(folder: &Path, run: &RunKey) -> Vec<PathBuf> {
     let mut files = pieces(folder, &format!("telemetry-run-{}", run.number));
     files.retain(|path| match about(path) {
@@ -99,17 +96,6 @@ pub fn files_of_run(folder: &Path, run: &RunKey) -> Vec<PathBuf> {
         // Whoever reads it says what is wrong with it.
         Err(_) => true,
     });
-    files
-}
-
-/// The telemetry files in `folder` that earlier versions wrote, of this run or of none.
-pub fn files_of_earlier_versions(folder: &Path, run: &RunKey) -> Vec<PathBuf> {
-    let mut files = pieces(folder, &format!("telemetry-run-{}", run.number));
-    files.retain(|path| {
-        let about = about(path).ok().flatten();
-        about.is_some_and(|about| about.profile != PROFILE && run.wrote(&about.metadata))
-    });
-    files.extend(pieces(folder, "telemetry"));
     files
 }
 
@@ -209,7 +195,7 @@ mod tests {
     }
 
     // Fails if a run gets a file of another run, of another database with the same number, of run 10
-    // for run 1, or loses a piece; if a piece replaces another; or if a file of an earlier version is taken for one of now.
+    // for run 1, or loses a piece; if a piece replaces another; or if a file of another program is taken for one of a run.
     #[test]
     fn each_run_has_its_own_files() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -232,16 +218,13 @@ mod tests {
         assert_eq!(files_of_run(folder, &two), [second]);
         assert_eq!(files_of_run(folder, &ten), [tenth]);
         assert!(files_of_run(folder, &key(3, "d")).is_empty());
-        // A run of an earlier version.
+        // A file of another program.
         let path = free_name(folder, 10);
         let mut writer = WriteOptions::new()
             .profile("")
             .create(File::create(&path).expect("made"));
         writer.as_mut().expect("a writer").finish().expect("closed");
         assert_eq!(files_of_run(folder, &ten), [folder.join("telemetry-run-10.mcap")]);
-        let old = ["telemetry-run-10-2.mcap", "telemetry.mcap", "telemetry-2.mcap"].map(|name| folder.join(name));
-        assert_eq!(files_of_earlier_versions(folder, &ten), old);
-        assert_eq!(files_of_earlier_versions(folder, &one), old[1..]);
     }
 
     // Fails if a file that ends before its first sample counts, if one that names no run is refused,

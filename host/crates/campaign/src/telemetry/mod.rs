@@ -24,7 +24,7 @@ mod utc;
 mod writer;
 
 pub use contact::ContactTracer;
-pub use files::{RunKey, files_of_earlier_versions, files_of_run};
+pub use files::{RunKey, files_of_run};
 pub use reader::{Period, TelemetryMessage, TelemetryMessages, TelemetryReader, Torn};
 pub use recorder::TelemetryRecorder;
 pub use scene::DrawnArm;

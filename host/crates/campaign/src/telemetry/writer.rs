@@ -37,10 +37,7 @@ pub enum TelemetryError {
     #[error("the file is not a whole MCAP file ({0}): repair it with `mcap recover`")]
     NotMcap(McapError),
     /// The messages have another encoding.
-    #[error(
-        "messages of {topic} are encoded as \"{encoding}\", not as CDR: an earlier version of spherecal wrote JSON, \
-         and its `export` reads the file; so does Foxglove"
-    )]
+    #[error("messages of {topic} are encoded as \"{encoding}\", not as CDR: was the file written by another program?")]
     Encoding {
         /// Topic of the message.
         topic: String,
