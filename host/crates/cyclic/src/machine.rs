@@ -119,7 +119,6 @@ pub trait Stream: Read + Write + Debug + Send {
 pub struct Running(Option<Box<dyn FnOnce() + Send + Sync>>);
 
 impl Running {
-    /// A process that `end` ends.
     pub(crate) fn until(end: impl FnOnce() + Send + Sync + 'static) -> Self {
         Self(Some(Box::new(end)))
     }

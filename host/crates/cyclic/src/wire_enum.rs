@@ -1,4 +1,28 @@
-//! Enumerations on the wire.
+//! Enumerations with names, and such on the wire.
+
+/// An enumeration with a text for each value: `Name { Variant = number, "text"; }`; the numbers may be left out.
+#[macro_export]
+macro_rules! named_enum {
+    ($(#[$doc:meta])* $name:ident { $($(#[$vdoc:meta])* $variant:ident $(= $number:literal)?, $text:literal;)+ }) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub enum $name { $($(#[$vdoc])* $variant $(= $number)?,)+ }
+
+        impl $name {
+            /// All values, in the order of their numbers.
+            pub const ALL: &'static [Self] = &[$(Self::$variant),+];
+
+            /// The name as the maker's documentation writes it, or else what the value says.
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$variant => $text,)+ }
+            }
+        }
+
+        impl ::std::fmt::Display for $name {
+            fn fmt(&self, f: &mut ::std::fmt::Formatter<'_>) -> ::std::fmt::Result { f.write_str(self.name()) }
+        }
+    };
+}
 
 /// An enumeration on the wire: its variants with their numbers and the names that the maker gives them.
 ///
@@ -9,14 +33,9 @@ macro_rules! wire_enum {
     ($(#[$doc:meta])* $name:ident($number_type:ty), $field:literal {
         $($(#[$vdoc:meta])* $variant:ident = $number:literal, $text:literal;)+
     }) => {
-        $(#[$doc])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-        pub enum $name { $($(#[$vdoc])* $variant = $number,)+ }
+        $crate::named_enum! { $(#[$doc])* $name { $($(#[$vdoc])* $variant = $number, $text;)+ } }
 
         impl $name {
-            /// All values, in the order of their numbers.
-            pub const ALL: &'static [Self] = &[$(Self::$variant),+];
-
             /// The number on the wire.
             pub const fn number(self) -> $number_type { self as $number_type }
 
@@ -30,15 +49,6 @@ macro_rules! wire_enum {
                     value => Err(WireError::UnknownValue { field: $field, value }),
                 }
             }
-
-            /// The name as the maker's documentation writes it.
-            pub const fn name(self) -> &'static str {
-                match self { $(Self::$variant => $text,)+ }
-            }
-        }
-
-        impl ::std::fmt::Display for $name {
-            fn fmt(&self, f: &mut ::std::fmt::Formatter<'_>) -> ::std::fmt::Result { f.write_str(self.name()) }
         }
     };
 }

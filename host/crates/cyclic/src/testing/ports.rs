@@ -9,7 +9,6 @@ use std::time::{Duration, Instant};
 use super::world::{Connection, Event, State, World, local};
 use crate::machine::{Datagrams, Listener, Machine, Process, Running, Stream};
 
-/// A port for datagrams.
 #[derive(Debug)]
 pub(super) struct Port {
     world: World,

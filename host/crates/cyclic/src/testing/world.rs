@@ -246,7 +246,6 @@ impl State {
         self.next
     }
 
-    /// The port that was asked for, or a free one.
     pub(super) fn free(&mut self, asked: SocketAddr) -> Result<SocketAddr> {
         let taken = |state: &Self, port: u16| state.inboxes.contains_key(&port) || state.listeners.contains_key(&port);
         let mut port = asked.port();

@@ -31,7 +31,6 @@ pub(super) struct Desired {
 }
 
 impl Desired {
-    /// An arm that rests at `q`.
     pub(super) fn at_rest(q: [f64; JOINTS]) -> Self {
         let [dq, ddq] = [[0.0; JOINTS]; 2];
         Self { q, dq, ddq }
@@ -47,9 +46,7 @@ impl Desired {
     }
 
     /// What a command wants, a period after this. `ee` is the end effector in the flange frame; `first`: the motion begins.
-    ///
-    /// # Errors
-    /// The error that a robot stops with.
+    /// Errors: the error that a robot stops with.
     pub(super) fn next(
         &self,
         generator: MoveGeneratorMode,

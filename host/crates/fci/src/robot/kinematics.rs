@@ -61,7 +61,6 @@ pub(super) fn product(left: &[f64; 16], right: &[f64; 16]) -> [f64; 16] {
     out
 }
 
-/// The inverse of a pose.
 pub(super) fn inverted(pose: &[f64; 16]) -> [f64; 16] {
     let mut out = [0.0; 16];
     for row in 0..3 {

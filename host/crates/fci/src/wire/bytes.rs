@@ -55,7 +55,6 @@ impl<'a> FieldReader<'a> {
         Ok(f64::from_le_bytes(self.take(field)?))
     }
 
-    /// `N` finite numbers.
     pub(super) fn finite<const N: usize>(&mut self, field: &'static str) -> Result<[f64; N], WireError> {
         let mut out = [0.0; N];
         for (index, out) in out.iter_mut().enumerate() {

@@ -1,5 +1,7 @@
 //! The commands of the TCP channel, their numbers, and the header.
 
+use spherecal_cyclic::named_enum;
+
 use super::{Version, WireError};
 
 /// Size of a header, bytes.
@@ -7,64 +9,46 @@ pub const HEADER_SIZE: usize = 12;
 /// The largest request that a robot side takes, bytes. The largest real one, `SetCollisionBehavior`, has 428.
 pub const MAX_REQUEST: usize = 4096;
 
-/// A command of the TCP channel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum CommandKind {
-    /// Opens the session and names the client's UDP port.
-    Connect,
-    /// Starts a motion.
-    Move,
-    /// Ends a motion.
-    StopMove,
-    /// Asks for a Cartesian limit (version 5 only).
-    GetCartesianLimit,
-    /// Sets the thresholds of contact and collision.
-    SetCollisionBehavior,
-    /// Sets the stiffness of the robot's own joint impedance.
-    SetJointImpedance,
-    /// Sets the stiffness of the robot's own Cartesian impedance.
-    SetCartesianImpedance,
-    /// Sets which axes a person can guide.
-    SetGuidingMode,
-    /// Sets the stiffness frame.
-    SetEeToK,
-    /// Sets the end effector frame.
-    SetNeToEe,
-    /// Sets the load's mass, centre of mass and inertia.
-    SetLoad,
-    /// Sets the robot's filters (up to version 5).
-    SetFilters,
-    /// Clears the errors of a reflex.
-    AutomaticErrorRecovery,
-    /// Asks for the model library (gone in version 10).
-    LoadModelLibrary,
-    /// Asks for the robot model in URDF (version 8 and later).
-    GetRobotModel,
+named_enum! {
+    /// A command of the TCP channel. Those of a version keep this order, and are numbered from 0.
+    CommandKind {
+        /// Opens the session and names the client's UDP port.
+        Connect, "Connect";
+        /// Starts a motion.
+        Move, "Move";
+        /// Ends a motion.
+        StopMove, "StopMove";
+        /// Asks for a Cartesian limit (version 5 only).
+        GetCartesianLimit, "GetCartesianLimit";
+        /// Sets the thresholds of contact and collision.
+        SetCollisionBehavior, "SetCollisionBehavior";
+        /// Sets the stiffness of the robot's own joint impedance.
+        SetJointImpedance, "SetJointImpedance";
+        /// Sets the stiffness of the robot's own Cartesian impedance.
+        SetCartesianImpedance, "SetCartesianImpedance";
+        /// Sets which axes a person can guide.
+        SetGuidingMode, "SetGuidingMode";
+        /// Sets the stiffness frame.
+        SetEeToK, "SetEEToK";
+        /// Sets the end effector frame.
+        SetNeToEe, "SetNEToEE";
+        /// Sets the load's mass, centre of mass and inertia.
+        SetLoad, "SetLoad";
+        /// Sets the robot's filters (up to version 5).
+        SetFilters, "SetFilters";
+        /// Clears the errors of a reflex.
+        AutomaticErrorRecovery, "AutomaticErrorRecovery";
+        /// Asks for the model library (gone in version 10).
+        LoadModelLibrary, "LoadModelLibrary";
+        /// Asks for the robot model in URDF (version 8 and later).
+        GetRobotModel, "GetRobotModel";
+    }
 }
 
 impl CommandKind {
-    /// All commands. Those of a version keep this order, and are numbered from 0.
-    const ALL: [Self; 15] = [
-        Self::Connect,
-        Self::Move,
-        Self::StopMove,
-        Self::GetCartesianLimit,
-        Self::SetCollisionBehavior,
-        Self::SetJointImpedance,
-        Self::SetCartesianImpedance,
-        Self::SetGuidingMode,
-        Self::SetEeToK,
-        Self::SetNeToEe,
-        Self::SetLoad,
-        Self::SetFilters,
-        Self::AutomaticErrorRecovery,
-        Self::LoadModelLibrary,
-        Self::GetRobotModel,
-    ];
-
     /// The commands of this version, in the order of their numbers.
     pub fn all(version: Version) -> impl Iterator<Item = Self> {
-        Self::ALL.into_iter().filter(move |command| match command {
+        Self::ALL.iter().copied().filter(move |command| match command {
             Self::GetCartesianLimit | Self::SetFilters => version.is_panda(),
             Self::LoadModelLibrary => version < Version::V10,
             Self::GetRobotModel => version >= Version::V8,
@@ -91,33 +75,6 @@ impl CommandKind {
     pub fn from_number(number: u32, version: Version) -> Result<Self, WireError> {
         let command = usize::try_from(number).ok().and_then(|n| Self::all(version).nth(n));
         command.ok_or(WireError::UnknownCommand { number, version })
-    }
-
-    /// The maker's name of the command.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Connect => "Connect",
-            Self::Move => "Move",
-            Self::StopMove => "StopMove",
-            Self::GetCartesianLimit => "GetCartesianLimit",
-            Self::SetCollisionBehavior => "SetCollisionBehavior",
-            Self::SetJointImpedance => "SetJointImpedance",
-            Self::SetCartesianImpedance => "SetCartesianImpedance",
-            Self::SetGuidingMode => "SetGuidingMode",
-            Self::SetEeToK => "SetEEToK",
-            Self::SetNeToEe => "SetNEToEE",
-            Self::SetLoad => "SetLoad",
-            Self::SetFilters => "SetFilters",
-            Self::AutomaticErrorRecovery => "AutomaticErrorRecovery",
-            Self::LoadModelLibrary => "LoadModelLibrary",
-            Self::GetRobotModel => "GetRobotModel",
-        }
-    }
-}
-
-impl std::fmt::Display for CommandKind {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
     }
 }
 

@@ -1,78 +1,58 @@
 //! The 41 error flags of a state.
 
-/// Declares the errors with the names of libfranka's `Errors`, in the order of their bits.
-macro_rules! errors {
-    ($($number:literal $variant:ident $name:literal $doc:literal;)+) => {
-        /// One error flag. Its [`name`](Self::name) is the one in libfranka's `Errors`.
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-        pub enum ErrorFlag { $(#[doc = $doc] $variant = $number,)+ }
+use spherecal_cyclic::named_enum;
 
-        impl ErrorFlag {
-            /// All errors, in the order of their bits.
-            pub const ALL: [Self; 41] = [$(Self::$variant),+];
-
-            /// The robot's own name of the error.
-            pub const fn name(self) -> &'static str {
-                match self { $(Self::$variant => $name,)+ }
-            }
-        }
-    };
-}
-
-errors! {
-    0 JointPositionLimitsViolation "joint_position_limits_violation" "A joint left its position limits.";
-    1 CartesianPositionLimitsViolation "cartesian_position_limits_violation" "The end effector left its Cartesian limits.";
-    2 SelfCollisionAvoidanceViolation "self_collision_avoidance_violation" "The arm came too close to itself.";
-    3 JointVelocityViolation "joint_velocity_violation" "A joint was too fast.";
-    4 CartesianVelocityViolation "cartesian_velocity_violation" "The end effector was too fast.";
-    5 ForceControlSafetyViolation "force_control_safety_violation" "Force control left its safe range.";
-    6 JointReflex "joint_reflex" "An external joint torque exceeded its upper threshold.";
-    7 CartesianReflex "cartesian_reflex" "An external force exceeded its upper threshold.";
-    8 MaxGoalPoseDeviationViolation "max_goal_pose_deviation_violation" "The goal was missed by too much.";
-    9 MaxPathPoseDeviationViolation "max_path_pose_deviation_violation" "The path was missed by too much.";
-    10 CartesianVelocityProfileSafetyViolation "cartesian_velocity_profile_safety_violation" "The Cartesian velocity profile is not safe.";
-    11 JointPositionMotionGeneratorStartPoseInvalid "joint_position_motion_generator_start_pose_invalid" "The joint motion does not start at the arm's pose.";
-    12 JointMotionGeneratorPositionLimitsViolation "joint_motion_generator_position_limits_violation" "The joint motion leaves the position limits.";
-    13 JointMotionGeneratorVelocityLimitsViolation "joint_motion_generator_velocity_limits_violation" "The joint motion leaves the velocity limits.";
-    14 JointMotionGeneratorVelocityDiscontinuity "joint_motion_generator_velocity_discontinuity" "The joint motion's velocity jumps.";
-    15 JointMotionGeneratorAccelerationDiscontinuity "joint_motion_generator_acceleration_discontinuity" "The joint motion's acceleration jumps.";
-    16 CartesianPositionMotionGeneratorStartPoseInvalid "cartesian_position_motion_generator_start_pose_invalid" "The Cartesian motion does not start at the arm's pose.";
-    17 CartesianMotionGeneratorElbowLimitViolation "cartesian_motion_generator_elbow_limit_violation" "The Cartesian motion leaves the elbow's limits.";
-    18 CartesianMotionGeneratorVelocityLimitsViolation "cartesian_motion_generator_velocity_limits_violation" "The Cartesian motion leaves the velocity limits.";
-    19 CartesianMotionGeneratorVelocityDiscontinuity "cartesian_motion_generator_velocity_discontinuity" "The Cartesian motion's velocity jumps.";
-    20 CartesianMotionGeneratorAccelerationDiscontinuity "cartesian_motion_generator_acceleration_discontinuity" "The Cartesian motion's acceleration jumps.";
-    21 CartesianMotionGeneratorElbowSignInconsistent "cartesian_motion_generator_elbow_sign_inconsistent" "The Cartesian motion changes the elbow's sign.";
-    22 CartesianMotionGeneratorStartElbowInvalid "cartesian_motion_generator_start_elbow_invalid" "The Cartesian motion does not start at the arm's elbow.";
-    23 ForceControllerDesiredForceToleranceViolation "force_controller_desired_force_tolerance_violation" "The desired force was missed by too much.";
-    24 StartElbowSignInconsistent "start_elbow_sign_inconsistent" "The elbow's sign at the start is inconsistent.";
-    25 CommunicationConstraintsViolation "communication_constraints_violation" "Too many commands were late or lost.";
-    26 PowerLimitViolation "power_limit_violation" "The commanded power is too high.";
-    27 CartesianMotionGeneratorJointPositionLimitsViolation "cartesian_motion_generator_joint_position_limits_violation" "The Cartesian motion leads to a joint beyond its limits.";
-    28 CartesianMotionGeneratorJointVelocityLimitsViolation "cartesian_motion_generator_joint_velocity_limits_violation" "The Cartesian motion leads to a joint that is too fast.";
-    29 CartesianMotionGeneratorJointVelocityDiscontinuity "cartesian_motion_generator_joint_velocity_discontinuity" "The Cartesian motion leads to a jump of a joint's velocity.";
-    30 CartesianMotionGeneratorJointAccelerationDiscontinuity "cartesian_motion_generator_joint_acceleration_discontinuity" "The Cartesian motion leads to a jump of a joint's acceleration.";
-    31 CartesianPositionMotionGeneratorInvalidFrame "cartesian_position_motion_generator_invalid_frame" "The commanded pose is no rigid transformation.";
-    32 ControllerTorqueDiscontinuity "controller_torque_discontinuity" "The commanded torque changed faster than 1,000 N m/s.";
-    33 JointP2pInsufficientTorqueForPlanning "joint_p2p_insufficient_torque_for_planning" "The planned motion needs more torque than there is.";
-    34 TauJRangeViolation "tau_j_range_violation" "A measured joint torque left the sensor's range.";
-    35 InstabilityDetected "instability_detected" "The robot detected an instability.";
-    36 JointMoveInWrongDirection "joint_move_in_wrong_direction" "A joint beyond its limit moved further away from the permitted range.";
-    37 CartesianSplineMotionGeneratorViolation "cartesian_spline_motion_generator_violation" "The Cartesian spline motion broke a limit.";
-    38 JointViaMotionGeneratorPlanningJointLimitViolation "joint_via_motion_generator_planning_joint_limit_violation" "A planned motion through via points leaves the joint limits.";
-    39 BaseAccelerationInitializationTimeout "base_acceleration_initialization_timeout" "The base's acceleration could not be measured in time.";
-    40 BaseAccelerationInvalidReading "base_acceleration_invalid_reading" "The base's acceleration reads wrong.";
+named_enum! {
+    /// One error flag, in the order of the bits. Its [`name`](Self::name) is the one in libfranka's `Errors`.
+    ErrorFlag {
+        #[doc = "A joint left its position limits."] JointPositionLimitsViolation = 0, "joint_position_limits_violation";
+        #[doc = "The end effector left its Cartesian limits."] CartesianPositionLimitsViolation = 1, "cartesian_position_limits_violation";
+        #[doc = "The arm came too close to itself."] SelfCollisionAvoidanceViolation = 2, "self_collision_avoidance_violation";
+        #[doc = "A joint was too fast."] JointVelocityViolation = 3, "joint_velocity_violation";
+        #[doc = "The end effector was too fast."] CartesianVelocityViolation = 4, "cartesian_velocity_violation";
+        #[doc = "Force control left its safe range."] ForceControlSafetyViolation = 5, "force_control_safety_violation";
+        #[doc = "An external joint torque exceeded its upper threshold."] JointReflex = 6, "joint_reflex";
+        #[doc = "An external force exceeded its upper threshold."] CartesianReflex = 7, "cartesian_reflex";
+        #[doc = "The goal was missed by too much."] MaxGoalPoseDeviationViolation = 8, "max_goal_pose_deviation_violation";
+        #[doc = "The path was missed by too much."] MaxPathPoseDeviationViolation = 9, "max_path_pose_deviation_violation";
+        #[doc = "The Cartesian velocity profile is not safe."] CartesianVelocityProfileSafetyViolation = 10, "cartesian_velocity_profile_safety_violation";
+        #[doc = "The joint motion does not start at the arm's pose."] JointPositionMotionGeneratorStartPoseInvalid = 11, "joint_position_motion_generator_start_pose_invalid";
+        #[doc = "The joint motion leaves the position limits."] JointMotionGeneratorPositionLimitsViolation = 12, "joint_motion_generator_position_limits_violation";
+        #[doc = "The joint motion leaves the velocity limits."] JointMotionGeneratorVelocityLimitsViolation = 13, "joint_motion_generator_velocity_limits_violation";
+        #[doc = "The joint motion's velocity jumps."] JointMotionGeneratorVelocityDiscontinuity = 14, "joint_motion_generator_velocity_discontinuity";
+        #[doc = "The joint motion's acceleration jumps."] JointMotionGeneratorAccelerationDiscontinuity = 15, "joint_motion_generator_acceleration_discontinuity";
+        #[doc = "The Cartesian motion does not start at the arm's pose."] CartesianPositionMotionGeneratorStartPoseInvalid = 16, "cartesian_position_motion_generator_start_pose_invalid";
+        #[doc = "The Cartesian motion leaves the elbow's limits."] CartesianMotionGeneratorElbowLimitViolation = 17, "cartesian_motion_generator_elbow_limit_violation";
+        #[doc = "The Cartesian motion leaves the velocity limits."] CartesianMotionGeneratorVelocityLimitsViolation = 18, "cartesian_motion_generator_velocity_limits_violation";
+        #[doc = "The Cartesian motion's velocity jumps."] CartesianMotionGeneratorVelocityDiscontinuity = 19, "cartesian_motion_generator_velocity_discontinuity";
+        #[doc = "The Cartesian motion's acceleration jumps."] CartesianMotionGeneratorAccelerationDiscontinuity = 20, "cartesian_motion_generator_acceleration_discontinuity";
+        #[doc = "The Cartesian motion changes the elbow's sign."] CartesianMotionGeneratorElbowSignInconsistent = 21, "cartesian_motion_generator_elbow_sign_inconsistent";
+        #[doc = "The Cartesian motion does not start at the arm's elbow."] CartesianMotionGeneratorStartElbowInvalid = 22, "cartesian_motion_generator_start_elbow_invalid";
+        #[doc = "The desired force was missed by too much."] ForceControllerDesiredForceToleranceViolation = 23, "force_controller_desired_force_tolerance_violation";
+        #[doc = "The elbow's sign at the start is inconsistent."] StartElbowSignInconsistent = 24, "start_elbow_sign_inconsistent";
+        #[doc = "Too many commands were late or lost."] CommunicationConstraintsViolation = 25, "communication_constraints_violation";
+        #[doc = "The commanded power is too high."] PowerLimitViolation = 26, "power_limit_violation";
+        #[doc = "The Cartesian motion leads to a joint beyond its limits."] CartesianMotionGeneratorJointPositionLimitsViolation = 27, "cartesian_motion_generator_joint_position_limits_violation";
+        #[doc = "The Cartesian motion leads to a joint that is too fast."] CartesianMotionGeneratorJointVelocityLimitsViolation = 28, "cartesian_motion_generator_joint_velocity_limits_violation";
+        #[doc = "The Cartesian motion leads to a jump of a joint's velocity."] CartesianMotionGeneratorJointVelocityDiscontinuity = 29, "cartesian_motion_generator_joint_velocity_discontinuity";
+        #[doc = "The Cartesian motion leads to a jump of a joint's acceleration."] CartesianMotionGeneratorJointAccelerationDiscontinuity = 30, "cartesian_motion_generator_joint_acceleration_discontinuity";
+        #[doc = "The commanded pose is no rigid transformation."] CartesianPositionMotionGeneratorInvalidFrame = 31, "cartesian_position_motion_generator_invalid_frame";
+        #[doc = "The commanded torque changed faster than 1,000 N m/s."] ControllerTorqueDiscontinuity = 32, "controller_torque_discontinuity";
+        #[doc = "The planned motion needs more torque than there is."] JointP2pInsufficientTorqueForPlanning = 33, "joint_p2p_insufficient_torque_for_planning";
+        #[doc = "A measured joint torque left the sensor's range."] TauJRangeViolation = 34, "tau_j_range_violation";
+        #[doc = "The robot detected an instability."] InstabilityDetected = 35, "instability_detected";
+        #[doc = "A joint beyond its limit moved further away from the permitted range."] JointMoveInWrongDirection = 36, "joint_move_in_wrong_direction";
+        #[doc = "The Cartesian spline motion broke a limit."] CartesianSplineMotionGeneratorViolation = 37, "cartesian_spline_motion_generator_violation";
+        #[doc = "A planned motion through via points leaves the joint limits."] JointViaMotionGeneratorPlanningJointLimitViolation = 38, "joint_via_motion_generator_planning_joint_limit_violation";
+        #[doc = "The base's acceleration could not be measured in time."] BaseAccelerationInitializationTimeout = 39, "base_acceleration_initialization_timeout";
+        #[doc = "The base's acceleration reads wrong."] BaseAccelerationInvalidReading = 40, "base_acceleration_invalid_reading";
+    }
 }
 
 impl ErrorFlag {
     /// The number of the error's flag in a state.
     pub const fn bit(self) -> usize {
         self as usize
-    }
-}
-
-impl std::fmt::Display for ErrorFlag {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
     }
 }
 
@@ -108,7 +88,7 @@ impl ErrorSet {
 
     /// The errors of the set, in the order of their bits.
     pub fn iter(self) -> impl Iterator<Item = ErrorFlag> {
-        ErrorFlag::ALL.into_iter().filter(move |e| self.contains(*e))
+        ErrorFlag::ALL.iter().copied().filter(move |e| self.contains(*e))
     }
 
     /// Sets the error.
@@ -119,7 +99,7 @@ impl ErrorSet {
     /// Reads a flag from each byte; any value but 0 is set. A version with fewer flags has the first ones.
     pub(super) fn decode(bytes: &[u8]) -> Self {
         let mut set = Self::NONE;
-        for (byte, error) in bytes.iter().zip(ErrorFlag::ALL) {
+        for (byte, error) in bytes.iter().zip(ErrorFlag::ALL.iter().copied()) {
             if *byte != 0 {
                 set.insert(error);
             }

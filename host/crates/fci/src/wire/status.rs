@@ -1,41 +1,44 @@
 //! What a response says: its status. The numbers depend on command and version.
 
+use spherecal_cyclic::named_enum;
+
 use super::command::{CommandHeader, CommandKind, HEADER_SIZE};
 use super::{Version, WireError};
 
-/// The status of a response.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Status {
-    /// Done. For a Move: the motion ended as the client wished.
-    Success,
-    /// Connect: the robot speaks another version.
-    IncompatibleVersion,
-    /// Move: the motion began. A second response follows when it ends.
-    MotionStarted,
-    /// Move: ended by a StopMove or by another motion.
-    Preempted,
-    /// Move: ended by a safety function.
-    PreemptedBySafetyFunction,
-    /// Refused while a safety function is active.
-    RejectedBySafetyFunction,
-    /// Refused in the robot's present mode.
-    NotPossible,
-    /// Move: refused at a singular pose.
-    StartAtSingularPose,
-    /// Refused because an argument is out of range.
-    InvalidArgument,
-    /// AutomaticErrorRecovery: a person must move the arm first.
-    ManualRecoveryRequired,
-    /// Ended by a reflex.
-    ReflexAborted,
-    /// Ended by the user stop.
-    EmergencyAborted,
-    /// Move: ended by an invalid command.
-    InputErrorAborted,
-    /// Ended for another reason.
-    Aborted,
-    /// LoadModelLibrary: there is no library for the client's machine.
-    Failed,
+named_enum! {
+    /// The status of a response.
+    Status {
+        /// Done. For a Move: the motion ended as the client wished.
+        Success, "success";
+        /// Connect: the robot speaks another version.
+        IncompatibleVersion, "incompatible version";
+        /// Move: the motion began. A second response follows when it ends.
+        MotionStarted, "motion started";
+        /// Move: ended by a StopMove or by another motion.
+        Preempted, "preempted";
+        /// Move: ended by a safety function.
+        PreemptedBySafetyFunction, "preempted by a safety function";
+        /// Refused while a safety function is active.
+        RejectedBySafetyFunction, "rejected: a safety function is active";
+        /// Refused in the robot's present mode.
+        NotPossible, "rejected: not possible in the robot's present mode";
+        /// Move: refused at a singular pose.
+        StartAtSingularPose, "rejected: the pose is singular";
+        /// Refused because an argument is out of range.
+        InvalidArgument, "rejected: an argument is out of range";
+        /// AutomaticErrorRecovery: a person must move the arm first.
+        ManualRecoveryRequired, "rejected: a person must move the arm first";
+        /// Ended by a reflex.
+        ReflexAborted, "aborted by a reflex";
+        /// Ended by the user stop.
+        EmergencyAborted, "aborted by the user stop";
+        /// Move: ended by an invalid command.
+        InputErrorAborted, "aborted: invalid command";
+        /// Ended for another reason.
+        Aborted, "aborted";
+        /// LoadModelLibrary: there is no library for the client's machine.
+        Failed, "failed";
+    }
 }
 
 use Status as S;
@@ -112,33 +115,6 @@ impl Status {
             _ => Self::NotPossible,
         };
         place(self).or_else(|| place(general)).unwrap_or(1) as u8
-    }
-
-    /// What the status says, in words.
-    pub const fn words(self) -> &'static str {
-        match self {
-            Self::Success => "success",
-            Self::IncompatibleVersion => "incompatible version",
-            Self::MotionStarted => "motion started",
-            Self::Preempted => "preempted",
-            Self::PreemptedBySafetyFunction => "preempted by a safety function",
-            Self::RejectedBySafetyFunction => "rejected: a safety function is active",
-            Self::NotPossible => "rejected: not possible in the robot's present mode",
-            Self::StartAtSingularPose => "rejected: the pose is singular",
-            Self::InvalidArgument => "rejected: an argument is out of range",
-            Self::ManualRecoveryRequired => "rejected: a person must move the arm first",
-            Self::ReflexAborted => "aborted by a reflex",
-            Self::EmergencyAborted => "aborted by the user stop",
-            Self::InputErrorAborted => "aborted: invalid command",
-            Self::Aborted => "aborted",
-            Self::Failed => "failed",
-        }
-    }
-}
-
-impl std::fmt::Display for Status {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.words())
     }
 }
 

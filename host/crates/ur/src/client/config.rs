@@ -53,12 +53,10 @@ impl ClientConfig {
         Ok(found)
     }
 
-    /// The port of the dashboard.
     pub(super) fn dashboard_port(&self) -> u16 {
         self.port.saturating_sub(DASHBOARD_BELOW_RTDE)
     }
 
-    /// The port of the primary interface.
     pub(super) fn primary_port(&self) -> u16 {
         self.port.saturating_sub(PRIMARY_BELOW_RTDE)
     }

@@ -2,31 +2,25 @@
 
 use std::time::Duration;
 
+use spherecal_cyclic::named_enum;
+
 use super::channel::Channel;
 use super::{ClientConfig, ClientError};
 use spherecal_budget::robot::{LINE, LINE_BYTES};
 
-/// What this client asks for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DashboardCommand {
-    /// Closes the message of a safety stop.
-    CloseSafetyPopup,
-    /// Ends a protective stop. The robot refuses it for the first 5 s of the stop.
-    UnlockProtectiveStop,
-    /// Whether programs from outside are accepted.
-    IsInRemoteControl,
-}
-
-impl DashboardCommand {
-    /// The line on the wire.
-    pub const fn line(self) -> &'static str {
-        match self {
-            Self::CloseSafetyPopup => "close safety popup",
-            Self::UnlockProtectiveStop => "unlock protective stop",
-            Self::IsInRemoteControl => "is in remote control",
-        }
+named_enum! {
+    /// What this client asks for.
+    DashboardCommand {
+        /// Closes the message of a safety stop.
+        CloseSafetyPopup, "close safety popup";
+        /// Ends a protective stop. The robot refuses it for the first 5 s of the stop.
+        UnlockProtectiveStop, "unlock protective stop";
+        /// Whether programs from outside are accepted.
+        IsInRemoteControl, "is in remote control";
     }
 }
+
+impl DashboardCommand {}
 
 /// Asks for these things, one after the other, and returns the last answer.
 ///
@@ -37,8 +31,8 @@ pub fn ask_dashboard(config: &ClientConfig, commands: &[DashboardCommand]) -> Re
     let mut channel = Channel::connect(config, &config.addresses(config.dashboard_port())?)?;
     let mut answer = line(&mut channel, "greeting", after)?;
     for command in commands {
-        channel.send(format!("{}\n", command.line()).as_bytes())?;
-        answer = line(&mut channel, command.line(), after)?;
+        channel.send(format!("{}\n", command.name()).as_bytes())?;
+        answer = line(&mut channel, command.name(), after)?;
     }
     Ok(answer)
 }

@@ -73,7 +73,6 @@ impl Rtde {
         }
     }
 
-    /// Starts the stream.
     pub(super) fn start(&mut self) -> Result<(), ClientError> {
         match self.ask(&Request::Start, "start")? {
             Answer::Start(true) => Ok(()),

@@ -28,7 +28,6 @@ pub(super) fn known(series: Series, name: &str) -> Option<FieldType> {
 }
 
 impl Outputs<'_> {
-    /// The value of an output with this type.
     pub(super) fn value(&self, name: &str, kind: FieldType) -> Value {
         match name {
             "timestamp" => Value::Double(self.time_s),

@@ -7,7 +7,6 @@ use super::ur_rtde::UrRtde;
 use crate::JOINTS;
 use crate::wire::{ACKNOWLEDGED, INPUTS, Load, Order, PATIENCE_STEPS, PROGRAM, Value};
 
-/// [`PROGRAM`], as it runs.
 #[derive(Debug)]
 pub(super) struct TorqueProgram {
     /// The last number that came.

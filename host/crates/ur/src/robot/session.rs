@@ -6,7 +6,6 @@ use spherecal_cyclic::{Stream, Wire};
 
 use crate::wire::{Answer, FieldType, Recipe};
 
-/// What a client wants to have.
 pub(super) struct Wanted {
     pub(super) fields: Vec<(String, FieldType)>,
     /// Periods between two data packages.

@@ -11,7 +11,6 @@ use crate::wire::{Value, program_name};
 
 /// The line that takes torques; without it the client believes the robot's software to be too old.
 const TORQUES: &str = "direct_torque(";
-/// Commands.
 const NONE: i32 = 0;
 const DIRECT_TORQUE: i32 = 66;
 const STOP_SCRIPT: i32 = 255;
@@ -21,7 +20,6 @@ const STOP_SCRIPT: i32 = 255;
 pub(super) struct UrRtde;
 
 impl UrRtde {
-    /// The program in this text, if it is that one.
     pub(super) fn recognise(text: &str) -> Option<Self> {
         (program_name(text) == Some("rtde_control") && text.contains(TORQUES)).then_some(Self)
     }

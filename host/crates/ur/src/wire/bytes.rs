@@ -69,7 +69,6 @@ impl<'a> Bytes<'a> {
         std::mem::take(&mut self.left)
     }
 
-    /// The rest as text.
     pub(super) fn text(&mut self) -> Result<&'a str, WireError> {
         std::str::from_utf8(self.rest()).map_err(|_| WireError::Text { kind: self.kind })
     }

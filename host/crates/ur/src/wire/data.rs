@@ -12,9 +12,7 @@ pub(crate) enum Taken<T> {
 }
 
 /// Takes the first package from what has come; `None` while it is not whole. `read` reads a data package of this recipe.
-///
-/// # Errors
-/// A [`WireError`] if it is no package, or not the one that `read` expects.
+/// Errors: a [`WireError`] if it is no package, or not the one that `read` expects.
 pub(crate) fn take_data<T>(
     received: &mut Vec<u8>,
     recipe: u8,

@@ -109,7 +109,6 @@ fn named(table: &[(&str, FieldType)], name: &str) -> Option<FieldType> {
     table.iter().find(|(known, _)| *known == name).map(|(_, kind)| *kind)
 }
 
-/// A general register in this direction.
 fn register(direction: &str, name: &str) -> Option<FieldType> {
     let rest = name.strip_prefix(direction)?;
     let (kind, number) = rest.rsplit_once('_')?;

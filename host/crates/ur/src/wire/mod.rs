@@ -110,7 +110,7 @@ pub fn fuzz_decode(data: &[u8]) {
             Ok(answer) if !text => assert_eq!(Answer::decode(kind, &again(answer.encode())), Ok(answer)),
             _ => {}
         }
-        for kind in FieldType::ALL {
+        for &kind in FieldType::ALL {
             let fields = vec![(String::new(), kind)];
             let _ = Recipe { fields }.decode(&payload);
         }

@@ -1,5 +1,7 @@
 //! The values of RTDE fields.
 
+use spherecal_cyclic::named_enum;
+
 use super::WireError;
 use super::bytes::Bytes;
 
@@ -8,68 +10,39 @@ pub const NOT_FOUND: &str = "NOT_FOUND";
 /// In place of a type: another client writes this register.
 pub const IN_USE: &str = "IN_USE";
 
-/// The type of a field.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FieldType {
-    /// True or false, one byte.
-    Bool,
-    /// One byte.
-    Uint8,
-    /// Four bytes.
-    Uint32,
-    /// Eight bytes.
-    Uint64,
-    /// Four bytes, signed.
-    Int32,
-    /// Eight bytes.
-    Double,
-    /// Three doubles.
-    Vector3D,
-    /// Six doubles.
-    Vector6D,
-    /// Six signed integers of four bytes.
-    Vector6Int32,
-    /// Six integers of four bytes.
-    Vector6Uint32,
+named_enum! {
+    /// The type of a field.
+    FieldType {
+        /// True or false, one byte.
+        Bool, "BOOL";
+        /// One byte.
+        Uint8, "UINT8";
+        /// Four bytes.
+        Uint32, "UINT32";
+        /// Eight bytes.
+        Uint64, "UINT64";
+        /// Four bytes, signed.
+        Int32, "INT32";
+        /// Eight bytes.
+        Double, "DOUBLE";
+        /// Three doubles.
+        Vector3D, "VECTOR3D";
+        /// Six doubles.
+        Vector6D, "VECTOR6D";
+        /// Six signed integers of four bytes.
+        Vector6Int32, "VECTOR6INT32";
+        /// Six integers of four bytes.
+        Vector6Uint32, "VECTOR6UINT32";
+    }
 }
 
 impl FieldType {
-    /// All types.
-    pub const ALL: [Self; 10] = [
-        Self::Bool,
-        Self::Uint8,
-        Self::Uint32,
-        Self::Uint64,
-        Self::Int32,
-        Self::Double,
-        Self::Vector3D,
-        Self::Vector6D,
-        Self::Vector6Int32,
-        Self::Vector6Uint32,
-    ];
-
-    /// The name on the wire.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Bool => "BOOL",
-            Self::Uint8 => "UINT8",
-            Self::Uint32 => "UINT32",
-            Self::Uint64 => "UINT64",
-            Self::Int32 => "INT32",
-            Self::Double => "DOUBLE",
-            Self::Vector3D => "VECTOR3D",
-            Self::Vector6D => "VECTOR6D",
-            Self::Vector6Int32 => "VECTOR6INT32",
-            Self::Vector6Uint32 => "VECTOR6UINT32",
-        }
-    }
-
     /// The type with this name.
     ///
     /// # Errors
     /// [`WireError::UnknownType`].
     pub fn from_name(name: &str) -> Result<Self, WireError> {
-        let found = Self::ALL.into_iter().find(|one| one.name() == name);
+        let found = Self::ALL.iter().copied().find(|one| one.name() == name);
         found.ok_or_else(|| WireError::UnknownType { name: name.to_owned() })
     }
 

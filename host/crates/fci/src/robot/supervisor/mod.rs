@@ -42,7 +42,6 @@ pub struct Finished {
     pub status: Status,
 }
 
-/// A motion that runs.
 #[derive(Clone, Debug)]
 struct RunningMotion {
     id: u32,
