@@ -102,9 +102,7 @@ pub(crate) fn homogeneous(pose: &Pose<f64>) -> [f64; 16] {
 const ORTHOGONAL: f64 = 1e-6;
 
 /// The pose of a homogeneous matrix.
-///
-/// # Errors
-/// A shape, a last row or a rotation that is none.
+/// Errors: a shape, a last row or a rotation that is none.
 pub(crate) fn pose(array: &PyReadonlyArray2<'_, f64>) -> PyResult<Pose<f64>> {
     let refuse = |value: &str, remedy: &str| Err(Failure::input("pose", value, remedy).into());
     let shape = array.shape();

@@ -19,8 +19,7 @@ pub(crate) struct StudyCompensator<'a> {
 }
 
 impl<'a> StudyCompensator<'a> {
-    /// # Errors
-    /// Robots that cannot take an orientation.
+    /// Errors: robots that cannot take an orientation.
     pub(crate) fn new(study: &'a Study) -> Result<Self, Failure> {
         let made = |robot, tool: &Tool| {
             Chain::new(robot, tool).map_err(|e| Failure::input("robot", &study.model.robot.name, &e.to_string()))
@@ -34,9 +33,7 @@ impl<'a> StudyCompensator<'a> {
     }
 
     /// The command in place of `q` (rad): position by the full model, orientation by its table.
-    ///
-    /// # Errors
-    /// A pose that the calibrated arm does not reach from `q` within the limits.
+    /// Errors: a pose that the calibrated arm does not reach from `q` within the limits.
     pub(crate) fn command(&self, index: usize, q: &[f64]) -> Result<Vec<f64>, Failure> {
         let refuse = |why: &str| Failure::unreachable(format!("row {} of q_nominal: {why}", index + 1));
         let wanted = self.nominal.pose(q);

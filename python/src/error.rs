@@ -156,9 +156,7 @@ impl From<StudyError> for Failure {
 }
 
 /// Runs work without the interpreter lock; a panic becomes `InternalError`.
-///
-/// # Errors
-/// What the work refuses.
+/// Errors: what the work refuses.
 pub(crate) fn guarded<T: Send>(py: Python<'_>, work: impl FnOnce() -> Result<T, Failure> + Send) -> PyResult<T> {
     py.detach(|| match catch_unwind(AssertUnwindSafe(work)) {
         Ok(done) => done,

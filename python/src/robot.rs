@@ -30,9 +30,7 @@ pub(crate) fn tcp_frame(model: &RobotModel, q: &[f64]) -> Pose<f64> {
 }
 
 /// The chain of a model, with its tool.
-///
-/// # Errors
-/// Robots that cannot take an orientation.
+/// Errors: robots that cannot take an orientation.
 pub(crate) fn chain(model: &RobotModel) -> Result<Chain, Failure> {
     Chain::new(&model.robot, &model.tool_in_table())
         .map_err(|e| Failure::input("robot", &model.robot.name, &e.to_string()))

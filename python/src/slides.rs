@@ -15,9 +15,7 @@ pub(crate) struct SlidesOfPath(Option<Slides>);
 
 impl SlidesOfPath {
     /// Turns the table `csv`, named `name`, into one of hinges alone. Returns what is to be noted.
-    ///
-    /// # Errors
-    /// A table that cannot be read, or rows that the chain cannot have.
+    /// Errors: a table that cannot be read, or rows that the chain cannot have.
     pub(crate) fn take(
         &mut self,
         path: &JointPath,
@@ -48,9 +46,7 @@ impl SlidesOfPath {
 }
 
 /// The calibrated robot; with `path`, what slides or follows is in the file, not in the table.
-///
-/// # Errors
-/// A file that cannot be read back.
+/// Errors: a file that cannot be read back.
 pub(crate) fn robot_of(texts: &CalibratedTexts, path: bool) -> Result<NativeRobot, Failure> {
     if !path {
         return Ok(NativeRobot {

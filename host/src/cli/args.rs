@@ -124,9 +124,7 @@ pub(super) fn base(file: Option<&Path>, seed: Option<u64>) -> Result<Config, Job
 }
 
 /// The configuration with the errors of a preset, except those that its `[plant]` states itself.
-///
-/// # Errors
-/// An unknown preset, or one that leaves the arm as it is, because `[plant]` states every field.
+/// Errors: an unknown preset, or one that leaves the arm as it is, because `[plant]` states every field.
 pub(super) fn on_preset(config: Config, preset: &str) -> Result<Config, JobError> {
     let before = simulated::plant(&config)?;
     let named = config.plant.get("preset").and_then(|name| name.as_str()) == Some(preset);

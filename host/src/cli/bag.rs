@@ -48,12 +48,9 @@ fn band(text: &str) -> Result<f64, BadValue> {
     }
 }
 
-/// The tables that were made of bags.
 #[derive(Debug, Default)]
 pub(super) struct BagTables {
-    /// Of `--data`.
     pub(super) data: Option<String>,
-    /// Of `--validate`.
     pub(super) validate: Option<String>,
     /// How the poses were formed.
     pub(super) notes: Vec<String>,
@@ -66,9 +63,7 @@ fn refused(error: BagError) -> CliError {
 impl BagTables {
     /// Reads the bags among the tables of a request. Where there is one, the request's joint columns are names of joints:
     /// they are taken from it.
-    ///
-    /// # Errors
-    /// A bag that cannot be used.
+    /// Errors: a bag that cannot be used.
     pub(super) fn read(
         args: &BagArgs,
         request: &mut StudyRequest,

@@ -44,7 +44,6 @@ struct Summary {
     certificate: Certificate,
 }
 
-/// `spherecal certificate`
 pub(super) fn run(args: &CertificateArgs) -> Result<Exit, CliError> {
     let path = args.result.join("summary.json");
     let name = path.display();

@@ -141,7 +141,6 @@ fn contacts(args: &CheckArgs, link: &Link) -> Result<Option<String>, CliError> {
     Ok(gathered.done.then_some(gathered.robot))
 }
 
-/// `spherecal check`
 pub(super) fn run(args: &CheckArgs) -> Result<Exit, CliError> {
     let (robot, data): (String, &Path) = match (&args.link, &args.data, &args.robot) {
         (Some(link), ..) => match contacts(args, link)? {

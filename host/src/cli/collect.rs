@@ -227,7 +227,6 @@ impl Terminal {
     }
 }
 
-/// What was collected.
 pub(super) struct Gathered {
     /// The robot: what was asked for, else what is connected.
     pub(super) robot: String,
@@ -244,9 +243,7 @@ pub(super) struct Gathered {
 }
 
 /// Collects into the table of `args`.
-///
-/// # Errors
-/// Wrong input, or collecting failed.
+/// Errors: wrong input, or collecting failed.
 pub(super) fn gather(args: &CollectArgs) -> Result<Gathered, CliError> {
     let spheres = if args.plate.as_os_str() == PAPER_PLATE {
         paper_plate()
@@ -327,7 +324,6 @@ pub(super) fn gather(args: &CollectArgs) -> Result<Gathered, CliError> {
     })
 }
 
-/// `spherecal collect`
 pub(super) fn run(args: &CollectArgs) -> Result<Exit, CliError> {
     let found = gather(args)?;
     let file = args.out.display();

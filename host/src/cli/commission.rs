@@ -41,7 +41,6 @@ pub struct CommissionArgs {
     pub(super) show: bool,
 }
 
-/// The person at this terminal.
 #[derive(Default)]
 struct Person {
     operator: TerminalOperator,
@@ -95,7 +94,6 @@ impl CampaignObserver for Remarks {
     }
 }
 
-/// A report as lines of text.
 fn lines(report: &StepReport) -> Vec<String> {
     let number = CommissioningStep::ALL
         .iter()
@@ -178,7 +176,6 @@ fn outcome(found: &Commissioning) -> &'static str {
     }
 }
 
-/// `spherecal commission`
 pub(super) fn run(args: &CommissionArgs) -> Result<Exit, CliError> {
     let show_only = args.show;
     let args = &args.run;

@@ -25,7 +25,6 @@ pub struct ConformArgs {
     pub json: bool,
 }
 
-/// `spherecal conform`
 pub(super) fn run(args: &ConformArgs) -> Exit {
     let findings = match (&args.drive, &args.controller) {
         (Some(address), _) => of_drive(address),

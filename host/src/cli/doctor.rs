@@ -51,15 +51,12 @@ enum CheckState {
 struct DoctorCheck {
     name: &'static str,
     state: CheckState,
-    /// What was found.
     found: String,
-    /// What it is needed for.
     needed_for: &'static str,
     /// What to do; empty where all is well.
     remedy: String,
 }
 
-/// `spherecal doctor`
 pub(super) fn run(args: &DoctorArgs) -> Result<Exit, CliError> {
     let checks = [
         folder(&args.out),

@@ -14,14 +14,12 @@ const GOOD_US: u32 = 200;
 /// Lateness that no wake-up may exceed, in µs: a whole period.
 const WORST_US: u32 = 1000;
 
-/// What was measured.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct RealTimeCheck {
     /// Whether this machine can hold 1 kHz.
     pub(super) holds_1_khz: bool,
     /// The measurement's length, in s.
     pub(super) seconds: f64,
-    /// Wake-ups.
     wake_ups: u64,
     /// Periods that were overslept wholly.
     missed: u64,
@@ -35,14 +33,12 @@ pub(super) struct RealTimeCheck {
     max_us: u32,
     /// Whether the thread had a fixed priority.
     priority: bool,
-    /// Whether its memory was locked.
     memory_locked: bool,
     #[serde(skip)]
     words: String,
 }
 
 impl RealTimeCheck {
-    /// Measures for `seconds`.
     pub(super) fn measure(seconds: f64) -> Result<Self, CliError> {
         if !(0.1..=3600.0).contains(&seconds) {
             return Err(CliError::input(format!(

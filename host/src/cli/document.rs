@@ -12,7 +12,6 @@ use toml::Table;
 
 use crate::simulated::plant;
 
-/// What `[plant]` is.
 const PLANT: &str = "The simulated arm: the name of a `preset` (default: `as_measured`), and the errors that differ from it. \
                      A real arm does not use this section.";
 
@@ -26,9 +25,7 @@ struct WholePlant {
 }
 
 /// The whole tree as TOML, with every field and its description. Fields that are left out by default appear as comments.
-///
-/// # Errors
-/// An impossible plant.
+/// Errors: an impossible plant.
 pub(super) fn documented(config: &Config) -> Result<String, JobError> {
     let encode = |message: String| ConfigError::Syntax {
         path: "configuration".to_owned(),
@@ -207,7 +204,6 @@ fn left_out(out: &mut String, section: Option<SchemaNode<'_>>, present: Option<&
     }
 }
 
-/// Words as comment lines.
 fn comment(out: &mut String, words: &str) {
     let mut line = String::from("#");
     for word in words.split_whitespace() {

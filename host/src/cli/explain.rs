@@ -23,9 +23,7 @@ pub(super) fn may_explain(error: &StudyError) -> bool {
 }
 
 /// Searches for what is wrong with the table of a request.
-///
-/// # Errors
-/// A table that cannot be read.
+/// Errors: a table that cannot be read.
 pub(super) fn explained(request: &StudyRequest, sources: Sources<'_>) -> Result<Explanation, StudyError> {
     let loaded = assemble(request, sources, &mut |_| {})?;
     // The options that correct a table count its columns, the search the hinges.
@@ -47,9 +45,7 @@ pub(super) fn explained(request: &StudyRequest, sources: Sources<'_>) -> Result<
 }
 
 /// What is told of a table before its fit, without a search.
-///
-/// # Errors
-/// A table that a delay spoils, with the option that corrects it.
+/// Errors: a table that a delay spoils, with the option that corrects it.
 pub(super) fn looked_at(file: &Path, loaded: &Loaded) -> Result<Vec<String>, CliError> {
     let experiment = &loaded.recordings.experiment;
     let found = look(&Subject::new(

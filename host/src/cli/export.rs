@@ -46,7 +46,6 @@ pub enum ExportFormat {
     Ros2,
 }
 
-/// `spherecal export`
 pub(super) fn run(args: &ExportArgs) -> Result<Exit, CliError> {
     let wanted = if args.parquet {
         ExportFormat::Parquet

@@ -10,9 +10,7 @@ use super::args::{ProtectionArgs, RunArgs};
 use super::exit::CliError;
 
 /// Refuses what a run asks for and this program does not have.
-///
-/// # Errors
-/// The first option that needs a feature which is not there.
+/// Errors: the first option that needs a feature which is not there.
 pub(super) fn check_run(args: &RunArgs) -> Result<(), CliError> {
     check_link(&args.link)?;
     check_store(args.store.as_ref())?;
@@ -25,9 +23,7 @@ pub(super) fn check_run(args: &RunArgs) -> Result<(), CliError> {
 }
 
 /// Refuses a link to a service.
-///
-/// # Errors
-/// A link by gRPC without the feature `services`.
+/// Errors: a link by gRPC without the feature `services`.
 pub(super) fn check_link(link: &Link) -> Result<(), CliError> {
     match link {
         Link::Grpc(_) => services("--link grpc:"),
@@ -36,9 +32,7 @@ pub(super) fn check_link(link: &Link) -> Result<(), CliError> {
 }
 
 /// Refuses a kind of store.
-///
-/// # Errors
-/// A service without the feature `services`, PostgreSQL without `postgres`.
+/// Errors: a service without the feature `services`, PostgreSQL without `postgres`.
 pub(super) fn check_store(store: Option<&StoreLocation>) -> Result<(), CliError> {
     match store {
         Some(StoreLocation::Service(_)) => services("--store grpc:"),
@@ -50,9 +44,7 @@ pub(super) fn check_store(store: Option<&StoreLocation>) -> Result<(), CliError>
 }
 
 /// Refuses TLS.
-///
-/// # Errors
-/// A certificate without the feature `services`.
+/// Errors: a certificate without the feature `services`.
 pub(super) fn check_protection(protection: &ProtectionArgs) -> Result<(), CliError> {
     if protection.tls_cert.is_some() || protection.tls_key.is_some() {
         return services("--tls-cert");

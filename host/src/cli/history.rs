@@ -62,12 +62,10 @@ fn past(args: &HistoryArgs) -> Result<Vec<Past>, CliError> {
     Ok(history::read(store.as_mut(), &args.arm)?)
 }
 
-/// A number, or a dash.
 fn number(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"))
 }
 
-/// `spherecal history`
 pub(super) fn history(args: &HistoryArgs) -> Result<Exit, CliError> {
     let past = past(args)?;
     if args.json {
@@ -109,7 +107,6 @@ pub(super) fn history(args: &HistoryArgs) -> Result<Exit, CliError> {
     Ok(Exit::Done)
 }
 
-/// The trend of an arm as JSON has it.
 #[derive(Serialize)]
 struct TrendOfArm {
     #[serde(flatten)]
@@ -118,7 +115,6 @@ struct TrendOfArm {
     due: bool,
 }
 
-/// `spherecal trend`
 pub(super) fn trend(args: &TrendArgs) -> Result<Exit, CliError> {
     let now_utc = now_utc();
     let trends = history::trends(past(&args.history)?, args.limit_mm).into_iter();

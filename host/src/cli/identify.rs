@@ -162,9 +162,7 @@ fn work_box(text: &str) -> Result<WorkBox, BadValue> {
 }
 
 /// The request that the arguments describe.
-///
-/// # Errors
-/// Numbers or a configuration that cannot be used.
+/// Errors: numbers or a configuration that cannot be used.
 pub(super) fn request(
     args: &IdentifyArgs,
     robot: &str,
@@ -214,9 +212,7 @@ pub(super) fn request(
 }
 
 /// What the request names, with the tables that were made of bags.
-///
-/// # Errors
-/// A plate that cannot be read.
+/// Errors: a plate that cannot be read.
 pub(super) fn with_bags<'a>(
     request: &'a StudyRequest,
     model: RobotModel,
@@ -281,7 +277,6 @@ fn say_what_is_wrong(request: &StudyRequest, sources: Sources<'_>) -> Result<Exi
     Ok(Exit::Done)
 }
 
-/// `spherecal identify`
 pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
     let (Some(robot), Some(data)) = (&args.robot, args.data.first()) else {
         if !args.out.join("calibration.db").exists() {

@@ -57,7 +57,6 @@ enum Along {
     Each([f64; 3]),
 }
 
-/// A line of the input.
 #[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 struct Line {
@@ -224,7 +223,6 @@ fn hold(
     Ok(None)
 }
 
-/// `spherecal impedance`
 pub(super) fn run(args: &ImpedanceArgs) -> Result<Exit, CliError> {
     let spring = ImpedanceCommand {
         stiffness_n_m: [args.stiffness; 3],

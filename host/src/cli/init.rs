@@ -16,7 +16,6 @@ const CELL: &str = "cell.toml";
 const PLATE: &str = "plate.toml";
 const POSES: &str = "poses.csv";
 
-/// `spherecal init`
 pub(super) fn run(args: &InitArgs) -> Result<Exit, CliError> {
     let there: Vec<String> = [CELL, PLATE, POSES]
         .into_iter()

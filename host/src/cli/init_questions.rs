@@ -20,9 +20,7 @@ impl<I: BufRead, O: Write> Questions<I, O> {
     }
 
     /// Asks for what is not given.
-    ///
-    /// # Errors
-    /// The answers end, or the terminal cannot be written to.
+    /// Errors: the answers end, or the terminal cannot be written to.
     pub(super) fn ask(&mut self, given: &mut Given) -> Result<(), CliError> {
         if given.robot.is_none() {
             let words = "Robot (a built-in name such as fr3, iiwa7, ur5e, or a .urdf or .toml file)";
@@ -69,9 +67,7 @@ impl<I: BufRead, O: Write> Questions<I, O> {
     }
 
     /// Asks whether to write the files.
-    ///
-    /// # Errors
-    /// The answers end, or the terminal cannot be written to.
+    /// Errors: the answers end, or the terminal cannot be written to.
     pub(super) fn confirm(&mut self, assumed: &[String], folder: &Path) -> Result<bool, CliError> {
         for words in assumed {
             self.say(&format!("Assumed: {words}\n"))?;
@@ -132,7 +128,6 @@ impl<I: BufRead, O: Write> Questions<I, O> {
     }
 }
 
-/// An answer that is no number.
 #[derive(Debug, thiserror::Error)]
 #[error("\"{0}\" is no number")]
 struct NoNumber(String);

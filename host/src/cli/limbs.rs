@@ -26,7 +26,6 @@ const URDF: &str = "calibrated.urdf";
 
 /// One tip with its chain and its table.
 struct Tip {
-    /// Name of its link.
     name: String,
     /// The chain from the base.
     whole: RobotModel,
@@ -80,7 +79,6 @@ impl Tip {
         })
     }
 
-    /// The chain and its rows, for the fit of all.
     fn rows(&self) -> Result<ChainRows, CliError> {
         let tool = self.request.tool_mm.map(|mm| mm.map(|x| x / 1e3));
         Ok(ChainRows {
@@ -152,7 +150,6 @@ fn chains(robot: &str, count: usize) -> Result<(String, Vec<String>), CliError> 
     Ok((file.to_owned(), tips.iter().map(chain).collect()))
 }
 
-/// Options that are of one chain.
 fn of_one_chain(args: &IdentifyArgs) -> Option<&'static str> {
     let given = [
         ("--validate", args.validate.is_some()),
@@ -167,9 +164,7 @@ fn of_one_chain(args: &IdentifyArgs) -> Option<&'static str> {
 }
 
 /// Identifies a robot with several tips.
-///
-/// # Errors
-/// As for one, and tips that have no base in common or whose tables do not fit together.
+/// Errors: as for one, and tips that have no base in common or whose tables do not fit together.
 pub(super) fn run(args: &IdentifyArgs) -> Result<Exit, CliError> {
     let robot = args.robot.as_deref().unwrap_or_default();
     // Refused before the work, not after it.

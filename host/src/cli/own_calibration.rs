@@ -72,7 +72,6 @@ pub(super) fn own_robot(reader: &UrReader, out: &Path) -> Result<String, CliErro
     Ok(file.to_string())
 }
 
-/// `spherecal robot read`
 pub(super) fn read(link: &Link, as_json: bool) -> Result<RobotModel, CliError> {
     let Link::Ur { host, port } = link else {
         return Err(CliError::input("--link: give ur:HOST"));
@@ -106,7 +105,6 @@ pub(super) fn read(link: &Link, as_json: bool) -> Result<RobotModel, CliError> {
     Ok(model)
 }
 
-/// `spherecal robot compare`
 pub(super) fn compare(robot: &str, other: &str, as_json: bool) -> Result<(), CliError> {
     let (own, second) = (robots::load(robot)?, robots::load(other)?);
     let found = difference(&own, &second).ok_or_else(|| {

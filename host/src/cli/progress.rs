@@ -56,7 +56,6 @@ pub struct ProgressView {
     unit: &'static str,
     /// The operator who can move the plate, if someone is at the terminal.
     person: Option<TerminalOperator>,
-    /// The placement that was asked for.
     asked: Option<u32>,
 }
 

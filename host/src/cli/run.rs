@@ -233,7 +233,6 @@ pub(super) fn measure(
     Ok((store, info, live))
 }
 
-/// The command that continues a run of `args`.
 fn resume_command(args: &RunArgs) -> String {
     let mut words = vec![
         "spherecal run --resume --out".to_owned(),

@@ -76,7 +76,6 @@ impl ServeArgs {
     }
 }
 
-/// `spherecal serve`
 pub(super) fn run(args: &ServeArgs) -> Result<Exit, CliError> {
     features::check_link(&args.link)?;
     features::check_store(args.store.as_ref())?;

@@ -43,7 +43,6 @@ pub struct ControllerArgs {
     pub once: bool,
 }
 
-/// A link to a drive.
 fn drive_link(text: &str) -> Result<Link, BadValue> {
     match text.parse() {
         Ok(link @ (Link::Tcp(_) | Link::Serial(_) | Link::Franka { .. } | Link::Fri(_) | Link::Ur { .. })) => Ok(link),
@@ -53,7 +52,6 @@ fn drive_link(text: &str) -> Result<Link, BadValue> {
     }
 }
 
-/// `tcp:ADDRESS`, without its `tcp:`.
 fn tcp_address(text: &str) -> Result<String, BadValue> {
     match text.strip_prefix("tcp:") {
         Some(address) if !address.is_empty() => Ok(address.to_owned()),
@@ -67,7 +65,6 @@ enum Door<'a> {
     Serial(&'a str),
 }
 
-/// `spherecal plant`
 pub(super) fn plant(args: &PlantArgs) -> Result<Exit, CliError> {
     if args.fci {
         return robot_sides::franka(args);
@@ -137,7 +134,6 @@ fn open_drive(args: &ControllerArgs) -> Result<Box<dyn Drive>, CliError> {
     Ok(job::native::drive(&model, &config, &args.drive)?)
 }
 
-/// `spherecal controller`
 pub(super) fn controller(args: &ControllerArgs) -> Result<Exit, CliError> {
     let drive = open_drive(args)?;
     let joints = drive.hello().limits.len();

@@ -112,14 +112,12 @@ fn files_too(shell: Shell, script: String) -> String {
     }
 }
 
-/// `spherecal completions`
 pub(super) fn completions(args: &CompletionsArgs, command: Command) -> Result<Exit, CliError> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut with_values(command), "spherecal", &mut script);
     print_bytes(files_too(args.shell, String::from_utf8_lossy(&script).into_owned()).as_bytes())
 }
 
-/// `spherecal man`
 pub(super) fn man(args: &ManArgs, command: Command) -> Result<Exit, CliError> {
     let Some(folder) = &args.out else {
         let mut page = Vec::new();

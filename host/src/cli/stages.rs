@@ -27,7 +27,6 @@ pub struct ConfigArgs {
     pub config: Option<PathBuf>,
 }
 
-/// `spherecal measure`
 pub(super) fn measure(args: &RunArgs) -> Result<Exit, CliError> {
     let interrupt = interrupt()?;
     let (mut store, info, mut live) = run::measure(args, &interrupt)?;
@@ -54,7 +53,6 @@ pub(super) fn measure(args: &RunArgs) -> Result<Exit, CliError> {
     Ok(Exit::Done)
 }
 
-/// `spherecal validate`
 pub(super) fn validate(args: &StoredArgs) -> Result<Exit, CliError> {
     let (mut store, info) = stored(args)?;
     let finished = evaluate(&args.out, store.as_mut(), &info, args.json)?;
@@ -76,14 +74,12 @@ pub(super) fn validate(args: &StoredArgs) -> Result<Exit, CliError> {
     })
 }
 
-/// `spherecal report`
 pub(super) fn report(args: &StoredArgs) -> Result<Exit, CliError> {
     let (mut store, info) = stored(args)?;
     let finished = evaluate(&args.out, store.as_mut(), &info, args.json)?;
     print(&finished, args.json)
 }
 
-/// `spherecal config`
 pub(super) fn config(args: &ConfigArgs) -> Result<Exit, CliError> {
     let config = match &args.config {
         Some(path) => Config::read(path)?,

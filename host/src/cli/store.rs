@@ -53,7 +53,6 @@ fn refuse_server(path: &Path) -> Result<(), CliError> {
     }
 }
 
-/// `spherecal store`
 pub(super) fn run(args: &StoreArgs) -> Result<Exit, CliError> {
     match &args.action {
         StoreAction::Check { database } => {

@@ -24,9 +24,7 @@ pub(super) fn refuse(error: StudyError) -> CliError {
 }
 
 /// Identifies what a request names, and says first what can be told of its table; `notes` are on how it was read.
-///
-/// # Errors
-/// A table that cannot be used, with what is wrong with it where that can be told.
+/// Errors: a table that cannot be used, with what is wrong with it where that can be told.
 pub(super) fn identified(
     request: &StudyRequest,
     sources: Sources<'_>,
@@ -59,9 +57,7 @@ pub(super) fn identified(
 }
 
 /// Writes the files of a study, with the poses that were made of a bag. Returns their paths.
-///
-/// # Errors
-/// A file that cannot be written.
+/// Errors: a file that cannot be written.
 pub(super) fn write_study(
     study: &Study,
     folder: &Path,

@@ -43,7 +43,6 @@ impl StudyProgress {
         }
     }
 
-    /// Shows a step.
     pub(super) fn show(&mut self, step: StudyStep) {
         let (words, now) = match step {
             StudyStep::Reading(p) => {

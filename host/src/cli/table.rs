@@ -137,9 +137,7 @@ fn sum(text: &str) -> Option<Vec<(usize, f64)>> {
 
 impl TableArgs {
     /// The corrections that are asked for, for a robot with `n` joint columns.
-    ///
-    /// # Errors
-    /// A joint that the robot does not have, and words that say nothing.
+    /// Errors: a joint that the robot does not have, and words that say nothing.
     fn adjustments(&self, n: usize) -> Result<Adjustments, CliError> {
         let pair = |option: &'static str, text: &String| -> Result<(usize, String), CliError> {
             let (number, value) = text
@@ -234,9 +232,7 @@ fn looked_at(
 /// Puts the tables of a request right, in place of its files: columns, corrections, joints that slide or follow others.
 /// What was done goes to the tables' notes. Then the request's column options are used up. Returns the motion of the
 /// sliding joints, where there are some and `joints` are those of the table.
-///
-/// # Errors
-/// Options that say nothing, and tables that cannot be read.
+/// Errors: options that say nothing, and tables that cannot be read.
 pub(super) fn put_right(
     args: &TableArgs,
     request: &mut StudyRequest,

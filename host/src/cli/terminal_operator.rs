@@ -26,7 +26,6 @@ impl TerminalOperator {
         matches!(self.line(), Entered::Line(_))
     }
 
-    /// The next line that was entered.
     pub(super) fn line(&mut self) -> Entered {
         let lines = self.lines.get_or_insert_with(|| {
             let (told, lines) = channel();

@@ -21,9 +21,7 @@ pub(super) fn written(folder: &Path) -> std::io::Result<()> {
 }
 
 /// Refuses a folder of results that cannot be written.
-///
-/// # Errors
-/// The folder is a file, or cannot be made or written into.
+/// Errors: the folder is a file, or cannot be made or written into.
 pub(super) fn check(out: &Path) -> Result<(), CliError> {
     let folder = existing(out);
     if !folder.is_dir() {

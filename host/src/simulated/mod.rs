@@ -138,7 +138,6 @@ impl Operator for SimulatedOperator {
     }
 }
 
-/// The tracker beside the simulated arm.
 struct TrackerBeside(SimulatedTracker);
 
 impl Tracker for TrackerBeside {

@@ -190,7 +190,6 @@ fn part(joint: usize) -> impl fmt::Display {
     Part(joint)
 }
 
-/// Refuses `value` if it is not finite.
 fn finite(joint: usize, field: &'static str, value: f64) -> Result<(), RobotError> {
     if value.is_finite() {
         Ok(())

@@ -2,7 +2,6 @@
 
 use std::rc::Rc;
 
-/// A topic of one file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Topic {
     pub(crate) name: String,
@@ -12,7 +11,6 @@ pub(crate) struct Topic {
     pub(crate) encoding: String,
 }
 
-/// A message.
 pub(crate) struct BagMessage<'a> {
     pub(crate) topic: &'a Rc<Topic>,
     /// When it was recorded, in ns.

@@ -4,7 +4,6 @@ use spherecal_model::excerpt;
 
 use super::cdr::{Cdr, CdrError, Numbers};
 
-/// `sensor_msgs/msg/JointStateMessage`.
 pub(crate) const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
 
 /// A type of messages that says where the tool was.
@@ -45,12 +44,10 @@ pub(crate) const TARGETS: [(&str, TargetKind); 14] = {
     ]
 };
 
-/// The kind of a type, by its name.
 pub(crate) fn target_kind(name: &str) -> Option<TargetKind> {
     TARGETS.iter().find(|(known, _)| *known == name).map(|(_, kind)| *kind)
 }
 
-/// Where the tool was.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum ToolPlace<'a> {
     /// A point in a frame, in m.
@@ -179,7 +176,6 @@ pub(crate) fn target<'a>(
         .transpose()
 }
 
-/// Where a point (m) in a frame is.
 fn place(frame: &str, point: [f64; 3]) -> Result<ToolPlace<'_>, MessageRefusal> {
     if let Some((axis, value)) = ["x", "y", "z"].iter().zip(point).find(|(_, value)| !value.is_finite()) {
         return Err((
@@ -205,7 +201,6 @@ fn place(frame: &str, point: [f64; 3]) -> Result<ToolPlace<'_>, MessageRefusal> 
     Ok(ToolPlace::Sphere { sphere, place })
 }
 
-/// The parts of a joint state.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct JointStateMessage<'a> {
     /// Time of its header in ns, where it is set.
@@ -245,7 +240,6 @@ impl<'a> JointStateMessage<'a> {
         read().map_err(broken)
     }
 
-    /// The names of its joints.
     pub(crate) fn names(&self) -> Vec<&'a str> {
         let mut at = self.names;
         let count = at.length().unwrap_or(0);

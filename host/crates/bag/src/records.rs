@@ -37,9 +37,7 @@ impl From<McapError> for EarlyEnd {
 
 /// Calls `each` for every message of a file, in the file's order, and `progress` with the bytes read so far. A file that
 /// ends early gives the messages that are whole; then returns so in words.
-///
-/// # Errors
-/// A file that cannot be read or is damaged, and what `each` refuses.
+/// Errors: a file that cannot be read or is damaged, and what `each` refuses.
 pub(crate) fn each_message(
     path: &Path,
     progress: &mut dyn FnMut(u64),

@@ -16,7 +16,6 @@ const REST_NS: i64 = (REST_S * 1e9) as i64;
 const GAP_NS: i64 = (GAP_S * 1e9) as i64;
 const NEAR_NS: i64 = (NEAR_S * 1e9) as i64;
 
-/// What a rest has measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct RestMeasurement {
     pub(crate) at: Where,
@@ -26,7 +25,6 @@ pub(crate) struct RestMeasurement {
     pub(crate) spread_m: f64,
 }
 
-/// The pose of a rest.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct RestPose {
     /// Begin and end of the rest, in ns.
@@ -171,9 +169,7 @@ impl<'a> Rests<'a> {
     }
 
     /// Takes a joint state. Angles that are not finite end a rest.
-    ///
-    /// # Errors
-    /// A rest whose targets are not one.
+    /// Errors: a rest whose targets are not one.
     pub(crate) fn push(&mut self, time_ns: i64, q: &[f64], effort: Option<&[f64]>) -> Result<(), Mixed> {
         let last = *self.last_ns.get_or_insert(time_ns);
         if time_ns < last {
@@ -252,9 +248,7 @@ impl<'a> Rests<'a> {
     }
 
     /// Ends the stream.
-    ///
-    /// # Errors
-    /// As [`push`](Self::push).
+    /// Errors: as [`push`](Self::push).
     pub(crate) fn finish(&mut self) -> Result<(), Mixed> {
         self.close()?;
         self.left_out += self.targets.len() - self.next;

@@ -31,9 +31,7 @@ const NEXT: &str = "WITH piece AS (SELECT m.id, m.topic_id, m.timestamp, length(
 const BESIDE: [&str; 2] = ["-wal", "-journal"];
 
 /// Calls `each` for every message of a bag in SQLite, in the order of time, and `progress` with the bytes read so far.
-///
-/// # Errors
-/// A file that is no such bag, and what `each` refuses.
+/// Errors: a file that is no such bag, and what `each` refuses.
 pub(crate) fn each_message(
     path: &Path,
     progress: &mut dyn FnMut(u64),

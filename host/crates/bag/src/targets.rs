@@ -16,7 +16,6 @@ use super::wanted::Wanted;
 /// Most placements of the plate.
 const MOST_PLACES: usize = 1000;
 
-/// Where the tool was.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Where {
     /// A measured point, in m.
@@ -40,11 +39,9 @@ pub(crate) struct Targets {
     pub(crate) all: Vec<TargetAt>,
     /// Names of the placements; the empty one where a contact names none.
     pub(crate) places: Vec<String>,
-    /// Frame of the points.
     pub(crate) frame: String,
     /// Whether times are those of the headers.
     pub(crate) by_header: bool,
-    /// Number of joint states.
     pub(crate) joint_states: u64,
     /// Files that end early, in words.
     pub(crate) early: Vec<String>,
@@ -127,9 +124,7 @@ impl Scan<'_> {
 }
 
 /// Reads the targets of a bag.
-///
-/// # Errors
-/// Topics that are missing or not clear, and messages that cannot be used.
+/// Errors: topics that are missing or not clear, and messages that cannot be used.
 pub(crate) fn targets(
     bag: &str,
     files: &[PathBuf],

@@ -57,15 +57,12 @@ impl Topics {
         Some(1)
     }
 
-    /// Number of messages of a topic.
     pub(crate) fn messages(&self, topic: &Topic) -> u64 {
         self.seen.get(&topic.name).map_or(0, |(_, count)| *count)
     }
 
     /// The topics to take.
-    ///
-    /// # Errors
-    /// None or several that could be meant, and names that are not in the bag.
+    /// Errors: none or several that could be meant, and names that are not in the bag.
     pub(crate) fn choose(&self, bag: &str, named: &[String]) -> Result<ChosenTopics, BagError> {
         let refuse = |what: String, remedy: String| BagError::Topics {
             path: bag.to_owned(),

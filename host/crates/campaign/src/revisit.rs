@@ -39,9 +39,7 @@ fn of_the_sphere(fault: Fault) -> bool {
 impl Campaign<'_> {
     /// Touches and couples the sphere of `visit` from its approach frame, and compares the coupling
     /// with earlier ones.
-    ///
-    /// # Errors
-    /// The sphere moved, or its couplings scatter; the nest is off the sphere then.
+    /// Errors: the sphere moved, or its couplings scatter; the nest is off the sphere then.
     pub(super) fn couple(&mut self, session: &mut Session<'_>, visit: &Visit) -> Result<CouplingEnd, CampaignError> {
         session.stage(CampaignStage::Couple, visit.sphere_id, self.assignment.plan);
         session.coupled = None;

@@ -72,7 +72,6 @@ struct Seat {
     time_us: u64,
     /// Whether two couplings there seated well.
     confirmed: bool,
-    /// Couplings there.
     there: Vec<Vector3<f64>>,
     /// Couplings since the last that agreed.
     off: Vec<Vector3<f64>>,
@@ -180,9 +179,7 @@ impl Seats {
     }
 
     /// Takes a coupling.
-    ///
-    /// # Errors
-    /// The sphere has moved, or its couplings scatter too much.
+    /// Errors: the sphere has moved, or its couplings scatter too much.
     pub(super) fn take(&mut self, visit: &Visit, coupled: &Coupled) -> Result<SeatVerdict, CampaignError> {
         let centre = Vector3::from(coupled.centre_m);
         let elsewhere = self

@@ -47,7 +47,6 @@ pub struct Session<'a> {
     arrived: Vec<Arrival>,
     /// Events that have arrived and were not handled yet.
     inbox: VecDeque<Arrival>,
-    /// Joints of the robot.
     joints: usize,
     /// How well the arm feels forces; `None` before it is known which arm it is.
     pub(super) sense: Option<ForceSense>,

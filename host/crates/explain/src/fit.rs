@@ -27,17 +27,13 @@ const STEP_RAD: f64 = 0.5;
 /// What is fitted, and how often.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Effort {
-    /// Joint offsets.
     pub(crate) offsets: bool,
-    /// Origins of the joints.
     pub(crate) origins: bool,
     /// Standard deviation of the TCP, in m.
     pub(crate) tool_m: f64,
-    /// Most iterations.
     pub(crate) iterations: usize,
 }
 
-/// A robot with what was fitted.
 #[derive(Clone, Debug)]
 pub(crate) struct Fitted {
     /// Median distance of the TCP from its targets (with orientations, of both), in m.
@@ -77,7 +73,6 @@ pub(crate) struct State {
     pub(crate) bases: Vec<Pose<f64>>,
 }
 
-/// A rotation vector as a rotation.
 fn turn(vector: &Vector3<f64>) -> Matrix3<f64> {
     Rotation3::new(*vector).into_inner()
 }
@@ -187,7 +182,6 @@ impl State {
     }
 }
 
-/// Fits a path with its TCP to rows.
 pub(crate) fn fit(path: &JointPath, tool: &Vector3<f64>, rows: &[Row], effort: Effort) -> Fitted {
     fit_limbs(&[(path, *tool)], 0, rows, effort)
 }

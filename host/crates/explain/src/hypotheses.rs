@@ -4,7 +4,6 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use spherecal_model::input::Adjustments;
 
-/// What is changed.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Change {
     /// The table.
@@ -15,7 +14,6 @@ pub(crate) enum Change {
     Robot(&'static str),
 }
 
-/// A hypothesis.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Hypothesis {
     pub(crate) words: String,

@@ -37,7 +37,6 @@ struct Search<'a> {
     robots: Vec<(&'static str, JointPath)>,
 }
 
-/// A hypothesis with its score.
 struct Scored {
     hypothesis: Hypothesis,
     fitted: Fitted,

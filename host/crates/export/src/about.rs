@@ -8,7 +8,6 @@ use spherecal_store::RunInfo;
 
 use super::ExportError;
 
-/// Name of the file.
 const FILE: &str = "about.json";
 /// Largest such file, in bytes.
 const MOST_BYTES: u64 = 1 << 16;
@@ -42,9 +41,7 @@ impl About {
 /// Prepares `folder` for the tables of run `info`: removes the tables that are not of this run, and
 /// says of which run the folder is. `names` are the tables that come from the store. Returns what was
 /// removed.
-///
-/// # Errors
-/// When a file cannot be removed or written.
+/// Errors: when a file cannot be removed or written.
 pub(super) fn begin(
     folder: &Path,
     info: &RunInfo,

@@ -61,7 +61,6 @@ fn schema(table: &ExportTable) -> Result<Type, ParquetError> {
         .build()
 }
 
-/// One row group.
 fn row_group(writer: &mut SerializedFileWriter<File>, table: &ExportTable) -> Result<(), ParquetError> {
     let mut group = writer.next_row_group()?;
     for (name, column) in &table.columns {

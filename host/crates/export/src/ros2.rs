@@ -25,7 +25,6 @@ const FILE: &str = "ros2_0.mcap";
 /// Begin of the types that are spherecal's own.
 const OWN: &str = "spherecal_msgs/";
 
-/// A topic, and what was written to it.
 struct WrittenTopic {
     kind: String,
     channel: u16,
@@ -35,7 +34,6 @@ struct WrittenTopic {
 /// The bag while it is written.
 struct BagWriter {
     writer: Writer<BufWriter<File>>,
-    /// By name.
     topics: BTreeMap<String, WrittenTopic>,
     begin_ns: Option<u64>,
     end_ns: u64,

@@ -24,7 +24,6 @@ pub(super) fn of_run(store: &mut dyn CalibrationStore, run: i64) -> Result<Vec<E
     Ok(tables)
 }
 
-/// Joints of the recordings: the most that one has.
 fn joints(recordings: &[Recording]) -> usize {
     recordings.iter().map(|r| r.q.len()).max().unwrap_or(0)
 }

@@ -42,7 +42,6 @@ pub(super) struct StoredAccuracy {
 }
 
 impl StoredAccuracy {
-    /// Of a stored run.
     pub(super) fn read(store: &mut dyn CalibrationStore, run: i64) -> Result<Self, JobError> {
         let json = store.result(run, ACCURACY)?;
         let decoded = json.map(|json| serde_json::from_str(&json)).transpose();

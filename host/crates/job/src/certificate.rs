@@ -13,9 +13,7 @@ pub fn study_certificate(study: &Study, stated: &CertificateSection) -> Certific
 }
 
 /// The certificate of a run; `created` says when it was measured.
-///
-/// # Errors
-/// A configuration that cannot be written as TOML.
+/// Errors: a configuration that cannot be written as TOML.
 pub(crate) fn run_certificate(
     m: &Measurements,
     e: &Evaluation,

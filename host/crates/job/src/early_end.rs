@@ -73,7 +73,6 @@ impl<'a> EarlyEnd<'a> {
         self.ended
     }
 
-    /// Takes what was stored.
     fn take(&mut self) {
         for event in self.stored.try_iter() {
             match event {

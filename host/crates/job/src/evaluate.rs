@@ -148,7 +148,6 @@ impl Measurements {
         }
     }
 
-    /// The laser shots of a purpose.
     pub(super) fn shots(&self, purpose: &str) -> Vec<Measured> {
         let shots = self.laser.iter().filter(|s| s.purpose == purpose);
         let measured = shots.map(|s| Measured {
@@ -198,9 +197,7 @@ pub fn evaluate(
 }
 
 /// The same without models for comparison. The verdict is the same.
-///
-/// # Errors
-/// Data that cannot be identified.
+/// Errors: data that cannot be identified.
 pub(super) fn evaluate_alone(m: &Measurements) -> Result<Evaluation, JobError> {
     evaluate_with(m, EvaluateOptions::default(), &mut |_| ())
 }

@@ -93,9 +93,7 @@ impl<'a> StoreJournal<'a> {
     }
 
     /// Removes the events of an earlier attempt that lie after the end of the repetition.
-    ///
-    /// # Errors
-    /// When the database fails.
+    /// Errors: when the database fails.
     pub(super) fn finish(&mut self) -> Result<(), StoreError> {
         if self.repetition.is_some() {
             self.store.forget_after(self.run, self.session, self.last)?;

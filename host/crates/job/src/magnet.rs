@@ -13,9 +13,7 @@ const MOST: f64 = 1.1;
 
 /// Checks that joints can pull the magnet off against gravity, at the last pose of each visit. Of an arm that no controller
 /// drives nothing is checked.
-///
-/// # Errors
-/// [`JobError::Magnet`].
+/// Errors: [`JobError::Magnet`].
 pub(super) fn check(robot: &Robot, tool: &Tool, plan: &Plan, decouple: &Decouple) -> Result<(), JobError> {
     for visit in &plan.spheres {
         match robot.dof() {

@@ -74,9 +74,7 @@ fn cabinet(address: SocketAddr, waiting: &DriveSection) -> fri::ClientConfig {
 }
 
 /// Checks that this computer can listen for a cabinet, whose own session may begin at any time.
-///
-/// # Errors
-/// The port of a link `fri:` cannot be opened.
+/// Errors: the port of a link `fri:` cannot be opened.
 pub(super) fn can_listen(link: &Link) -> Result<(), JobError> {
     if let Link::Fri(address) = link {
         fri::ReadOnlyClient::listen(&cabinet(*address, &DriveSection::default())).map_err(LinkError::device)?;

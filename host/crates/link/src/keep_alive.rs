@@ -17,7 +17,6 @@ struct Shared {
 }
 
 impl KeepAlives {
-    /// A session begins.
     pub(super) fn begin(&self, session: SessionId) {
         self.0.session.store(u32::from_le_bytes(session), Ordering::Relaxed);
     }

@@ -42,9 +42,7 @@ pub(crate) const HEAD: usize = 16;
 
 /// The encoding of a file that begins with `head` (its first [`HEAD`] bytes, or
 /// all of it), and the length of its byte order mark.
-///
-/// # Errors
-/// Formats that are not text, with the remedy.
+/// Errors: formats that are not text, with the remedy.
 pub(crate) fn detect(head: &[u8]) -> Result<(Encoding, usize), EncodingError> {
     match head {
         [0xef, 0xbb, 0xbf, ..] => return Ok((Encoding::Utf8, 3)),
@@ -131,9 +129,7 @@ fn put(letter: char, out: &mut Vec<u8>) {
 }
 
 /// A whole file's text.
-///
-/// # Errors
-/// Bytes that are not text, with the line and the remedy.
+/// Errors: bytes that are not text, with the line and the remedy.
 pub(crate) fn decode(bytes: &[u8]) -> Result<String, EncodingError> {
     let (encoding, mark) = detect(bytes.get(..HEAD).unwrap_or(bytes))?;
     let mut out = Vec::with_capacity(bytes.len());

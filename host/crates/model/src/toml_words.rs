@@ -66,7 +66,6 @@ fn plain(message: &str) -> String {
     message.to_owned()
 }
 
-/// What was found.
 fn noun(found: &str) -> String {
     for (start, words) in [
         ("floating point `", "the number "),
@@ -85,7 +84,6 @@ fn noun(found: &str) -> String {
     }
 }
 
-/// What was expected.
 fn wanted(expected: &str) -> String {
     match expected {
         "f64" | "f32" => "a number".to_owned(),

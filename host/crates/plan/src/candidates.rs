@@ -62,7 +62,6 @@ pub(super) struct CandidateVisit {
 /// A pose that could be recorded.
 #[derive(Clone)]
 pub(super) struct Candidate {
-    /// Index of the visit.
     pub(super) visit: usize,
     pub(super) pose: TcpPose,
     pub(super) joints: Vec<f64>,
@@ -70,9 +69,7 @@ pub(super) struct Candidate {
 
 /// All visits that the arm can make. The first branch of each sphere has the largest distance to
 /// the joint limits.
-///
-/// # Errors
-/// The arm cannot reach a sphere in any branch.
+/// Errors: the arm cannot reach a sphere in any branch.
 pub(super) fn visits(
     cell: &Cell,
     chain: &Chain,

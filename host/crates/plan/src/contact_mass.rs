@@ -62,9 +62,7 @@ impl Contact {
 
 /// Checks that an arm at joint angles `q` (rad) meets a sphere along the unit direction of F0, and from any side, with no more mass
 /// than the contact allows. Of an arm that no controller drives, or whose masses are not known, nothing is checked.
-///
-/// # Errors
-/// [`Obstacle::Heavy`].
+/// Errors: [`Obstacle::Heavy`].
 pub(super) fn check(
     robot: &Robot,
     tool: &Tool,

@@ -32,7 +32,6 @@ pub(super) struct SelectionProblem {
 /// Predicted TCP error over the validation configurations, base aligned, in m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Predicted {
-    /// Mean length.
     pub(super) mean: f64,
     /// Mean length at the worst configuration.
     pub(super) worst: f64,

@@ -225,9 +225,7 @@ impl Rules {
     }
 
     /// Checks that the joints keep off their limits also if the sphere seems to lie [`stray_m`](Self::stray_m) elsewhere.
-    ///
-    /// # Errors
-    /// The limit that is too close.
+    /// Errors: the limit that is too close.
     pub(super) fn astray(&self, chain: &Chain, pose: &TcpPose, q: &[f64]) -> Result<(), Obstacle> {
         if self.stray_m == 0.0 {
             return Ok(());

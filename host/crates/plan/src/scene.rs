@@ -38,7 +38,6 @@ const PLATE_RIM_M: f64 = 0.080;
 /// Length that counts as much as an angle of 1 rad, in m.
 const M_PER_RAD: f64 = 0.5;
 
-/// The surface of the plate.
 #[derive(Clone, Copy, Debug)]
 struct Surface {
     centre: Vector3<f64>,
@@ -148,9 +147,7 @@ impl Scene {
 
     /// Whether an arm at `q` (rad) keeps its margins to spheres, posts, plate and itself. The sphere
     /// `seated` and its post do not count: the nest sits on it.
-    ///
-    /// # Errors
-    /// The part that is nearest, and how far it is within its margin.
+    /// Errors: the part that is nearest, and how far it is within its margin.
     pub(super) fn standing(&self, q: &[f64], seated: Option<u32>) -> Result<(), Obstacle> {
         let clearances = self.clearances(q);
         let balls = self.balls.iter().map(|ball| CollisionObject::Sphere(ball.sphere));

@@ -32,7 +32,6 @@ pub(super) struct Start {
     pub(super) neutral: TcpPose,
     /// Its joint angles, in rad.
     pub(super) joints: Vec<f64>,
-    /// The approach waypoint above it.
     pub(super) approach: Waypoint,
 }
 
@@ -50,9 +49,7 @@ impl<'a> PlacedCell<'a> {
 
     /// All clear starts at a sphere with the elbow at its neutral angle, those with the largest
     /// distance to the joint limits first: at least one.
-    ///
-    /// # Errors
-    /// What stands in the way of the last solution, or that there is none.
+    /// Errors: what stands in the way of the last solution, or that there is none.
     pub(super) fn starts(&self, sphere: &Sphere, yaw: f64) -> Result<Vec<Start>, PlanError> {
         let neutral = self.cell.neutral_pose(self.chain, self.plate, sphere, yaw);
         let refuse = |obstacle| out_of_reach(sphere.id, &neutral.position, obstacle);
@@ -71,9 +68,8 @@ impl<'a> PlacedCell<'a> {
     }
 
     /// The start at a neutral pose that is already solved, with the approach above it.
-    ///
-    /// # Errors
-    /// An arm that would meet the sphere with too much mass, the obstacle on the straight way up, or at its end.
+    /// Errors: an arm that would meet the sphere with too much mass, the obstacle on the straight way up, or at its
+    /// end.
     pub(super) fn start_at(&self, neutral: TcpPose, joints: Vec<f64>) -> Result<Start, Obstacle> {
         let direction = self.cell.approach_direction(self.plate);
         let above = TcpPose {
@@ -98,9 +94,7 @@ impl<'a> PlacedCell<'a> {
 
     /// The starts of `starts` that a clear straight joint motion from home (rad) reaches. If there is
     /// none, the first to which a way through vias leads.
-    ///
-    /// # Errors
-    /// No way leads to any of them.
+    /// Errors: no way leads to any of them.
     pub(super) fn entered(&self, home: &Waypoint, sphere: u32, starts: Vec<Start>) -> Result<Vec<Start>, PlanError> {
         let (clear, others): (Vec<_>, Vec<_>) = starts.into_iter().partition(|start| self.straight(home, start));
         if !clear.is_empty() {
@@ -123,9 +117,7 @@ impl<'a> PlacedCell<'a> {
 
     /// The tool's yaw: the cell's own, or the one of twelve whose worst sphere has the largest
     /// distance to the joint limits.
-    ///
-    /// # Errors
-    /// A sphere has no start at any yaw.
+    /// Errors: a sphere has no start at any yaw.
     pub(super) fn tool_yaw(&self) -> Result<f64, PlanError> {
         if let Some(yaw) = self.cell.tool_yaw_rad {
             return Ok(yaw);

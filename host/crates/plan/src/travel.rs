@@ -36,7 +36,6 @@ impl<'a> Travel<'a> {
         turn_s(move_angle(&self.visits[c.visit].start.neutral, &c.pose))
     }
 
-    /// A candidate was chosen.
     pub(super) fn add(&mut self, chosen: usize) {
         let new = &self.candidates[chosen];
         for (reach, c) in self.reach_s.iter_mut().zip(self.candidates) {

@@ -7,7 +7,6 @@ use super::input::Correlation;
 
 /// Room beside the map for its scale, in pixels.
 const SCALE: i32 = 96;
-/// Parts of the scale.
 const PARTS: i32 = 20;
 
 /// Colour and strength of a correlation.

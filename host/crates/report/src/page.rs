@@ -67,7 +67,6 @@ pub fn render(input: &ReportInput) -> Result<String, ChartError> {
     Ok(document(&input.title, &input.title, &main))
 }
 
-/// Numbers the figures.
 struct Figures(usize);
 
 impl Figures {

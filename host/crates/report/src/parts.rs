@@ -69,7 +69,6 @@ pub(super) fn error_table(table: &ErrorTable) -> Markup {
     }
 }
 
-/// The files with the error that each has.
 pub(super) fn file_table(files: &[FileError]) -> Markup {
     html! { @if !files.is_empty() {
         div.scroll { table.files {

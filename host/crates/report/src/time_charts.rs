@@ -26,7 +26,6 @@ pub(super) fn single_value(histogram: &HistogramChart) -> Option<String> {
     })
 }
 
-/// Histogram of one quantity.
 pub(super) fn histogram(histogram: &HistogramChart) -> Result<String, ChartError> {
     let (values, low, high) = range(histogram);
     let parts = (2.0 * (values.len() as f64).cbrt() * 2.0).clamp(8.0, 30.0);

@@ -88,9 +88,7 @@ impl Whose {
 ///
 /// Results are of another robot if their robot or the name of their arm differs, or if they do not
 /// say whose they are.
-///
-/// # Errors
-/// A file that cannot be moved.
+/// Errors: a file that cannot be moved.
 pub(super) fn keep_other_robots(folder: &Path, summary: &Value) -> Result<Option<String>, WriteError> {
     // A link is moved as a link, also if it leads nowhere.
     let there: Vec<&str> = RESULTS

@@ -6,7 +6,6 @@ use serde_json::{Value, json};
 use spherecal_identify::evaluate::{Errors, JudgedModel, millimetres};
 use spherecal_identify::study::Study;
 
-/// The calibrated model where rows have judged it.
 fn calibrated(study: &Study) -> Option<&JudgedModel> {
     study.evaluation.judged.as_ref()?.model("calibrated")
 }

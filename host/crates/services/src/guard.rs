@@ -147,9 +147,7 @@ fn token(path: &Path) -> Result<String, ServiceError> {
 }
 
 /// Where a server listens: `HOST:PORT`, or a port alone on this machine only.
-///
-/// # Errors
-/// When the text is not an address.
+/// Errors: when the text is not an address.
 pub(crate) fn listen_address(text: &str) -> Result<SocketAddr, ServiceError> {
     let whole = if text.contains(':') {
         text.to_owned()

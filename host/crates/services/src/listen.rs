@@ -29,7 +29,6 @@ use spherecal_budget::services::{CONNECTIONS, CONNECTIONS_OF_ONE_ADDRESS, WAITIN
 /// Wait after an accept that failed, for example because no file descriptor is free.
 const AFTER_FAILURE: Duration = Duration::from_millis(50);
 
-/// All open connections.
 #[derive(Default)]
 struct Open(Mutex<Vec<Arc<OpenConnection>>>);
 
@@ -65,9 +64,7 @@ impl Open {
 }
 
 /// Listens at `address`; must be called within a runtime.
-///
-/// # Errors
-/// The address is in use or not available.
+/// Errors: the address is in use or not available.
 pub(crate) fn bound(address: SocketAddr) -> io::Result<TcpListener> {
     let socket = if address.is_ipv4() {
         TcpSocket::new_v4()?

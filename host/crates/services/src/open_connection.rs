@@ -9,7 +9,6 @@ use tokio::sync::oneshot;
 
 use spherecal_budget::services::LATE;
 
-/// What is known of an open connection.
 pub(crate) struct OpenConnection {
     pub(crate) peer: IpAddr,
     pub(crate) opened: Instant,

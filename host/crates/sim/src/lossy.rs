@@ -38,14 +38,12 @@ impl InjectedCounter {
     }
 }
 
-/// The draws of one direction.
 fn draws(config: Lossy, stream: u64) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     rng.set_stream(stream);
     rng
 }
 
-/// One direction.
 #[derive(Clone, Debug)]
 struct LossyDirection {
     config: Lossy,

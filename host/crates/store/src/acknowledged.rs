@@ -32,9 +32,7 @@ pub(super) fn statement_of(database: &Path) -> PathBuf {
 }
 
 /// What is stated about the database at this path: nothing, where there is no statement.
-///
-/// # Errors
-/// The statement cannot be read, or is none.
+/// Errors: the statement cannot be read, or is none.
 pub(super) fn stated(database: &Path) -> Result<Counts, StoreError> {
     let path = statement_of(database);
     match std::fs::read(&path) {
@@ -66,9 +64,7 @@ impl SqlStore {
     }
 
     /// States what is acknowledged now: the log holds a part of it.
-    ///
-    /// # Errors
-    /// The statement cannot be written. Then nothing may be acknowledged.
+    /// Errors: the statement cannot be written. Then nothing may be acknowledged.
     pub(super) fn state_acknowledged(&mut self) -> Result<(), StoreError> {
         let mut counts = self.recording_counts()?;
         // What an earlier statement says and what is lost since remains to be seen.
@@ -91,9 +87,7 @@ impl SqlStore {
     }
 
     /// Removes the statement: the log is empty. It stays where it says more than the database has.
-    ///
-    /// # Errors
-    /// The database cannot be read.
+    /// Errors: the database cannot be read.
     pub(super) fn withdraw_statement(&mut self) -> Result<(), StoreError> {
         let path = statement_of(&self.path);
         if path.symlink_metadata().is_err() {

@@ -35,7 +35,6 @@ impl SqlStore {
         Ok([self.get(row, x)?, self.get(row, y)?, self.get(row, z)?])
     }
 
-    /// A column that holds JSON.
     pub(super) fn json<T: DeserializeOwned>(&self, row: &AnyRow, column: &'static str) -> Result<T, StoreError> {
         let text: String = self.get(row, column)?;
         serde_json::from_str(&text).map_err(|source| self.undecodable(column, source))

@@ -66,7 +66,6 @@ pub use write::SessionEnd;
 
 use spherecal_model::Sphere;
 
-/// Which database a store is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum DatabaseKind {
     Sqlite,

@@ -46,7 +46,6 @@ struct Frame {
     read: bool,
 }
 
-/// A log, frame by frame.
 pub(super) struct Log {
     bytes: Vec<u8>,
     page: usize,

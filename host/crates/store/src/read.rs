@@ -57,7 +57,6 @@ impl SqlStore {
         Ok(recordings)
     }
 
-    /// The digests of a run, by subject.
     pub(super) fn digests(&mut self, run: i64) -> Result<BTreeMap<String, i64>, StoreError> {
         let rows = self.rows("SELECT subject, digest FROM digests WHERE run = $1", run)?;
         rows.iter()

@@ -60,7 +60,6 @@ impl SqlStore {
         rows.iter().map(|row| self.run_info(row)).collect()
     }
 
-    /// One run.
     pub(super) fn info_of(&mut self, run: i64) -> Result<Option<RunInfo>, StoreError> {
         let rows = self.rows("SELECT * FROM runs WHERE run = $1", run)?;
         rows.first().map(|row| self.run_info(row)).transpose()

@@ -48,7 +48,6 @@ pub(super) const SEALED: [Sealed; 13] = [
     RUNS, SPARES, SESSIONS, GREETINGS, SPHERES, POSES, RECORDINGS, CONTACTS, COUPLINGS, PHASES, FAULTS, LASER, RESULTS,
 ];
 
-/// A stored value.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum SealedValue {
     Nothing,

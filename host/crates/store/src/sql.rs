@@ -15,7 +15,6 @@ use super::seal::{
 use super::statement::{put_digest, rows};
 use super::{CalibrationStore, DatabaseKind, NewRun, Placed, RunInfo, SessionEnd, SqlStore, StoreError, StoredRun};
 
-/// What was measured in a run.
 const MEASURED: [Sealed; 10] = [
     SESSIONS, GREETINGS, SPHERES, POSES, RECORDINGS, CONTACTS, COUPLINGS, PHASES, FAULTS, LASER,
 ];

@@ -153,7 +153,6 @@ impl SqlStore {
         done.map_err(|source| self.failed(source))
     }
 
-    /// The error of this store.
     pub(super) fn failed(&self, source: sqlx::Error) -> StoreError {
         match self.kind {
             DatabaseKind::Sqlite => StoreError::of(&self.path, source),

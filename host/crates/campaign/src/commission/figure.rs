@@ -39,7 +39,6 @@ impl Figure {
         }
     }
 
-    /// A value that is not judged.
     pub(crate) fn shown(name: impl Into<String>, value: f64, unit: &str) -> Self {
         Self {
             name: name.into(),

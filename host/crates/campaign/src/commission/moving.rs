@@ -22,7 +22,6 @@ const TURN_S: f64 = 60.0;
 /// The largest speed that counts as the set one, as a factor.
 const OVERSHOOT: f64 = 1.5;
 
-/// A procedure in progress.
 struct CommissioningInProgress<'a, 's> {
     assignment: &'a Assignment<'a>,
     session: Session<'s>,

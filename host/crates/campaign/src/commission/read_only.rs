@@ -100,7 +100,6 @@ fn extra_load_kg(residual: &[f64], per_kg: &[f64], most: &[f64]) -> Option<f64> 
     (square.sqrt() > TOLD_LOAD).then(|| along / square)
 }
 
-/// Means of what was read.
 #[derive(Clone, Debug, Default)]
 struct MeanReading {
     q: Vec<f64>,
@@ -168,7 +167,6 @@ fn read(
     Ok(mean)
 }
 
-/// Reads the robot and judges what it says.
 fn judge(reading: &MeanReading, robot: &Robot, tool: &Tool, limits: &ReadOnlyLimits) -> StepReport {
     // The robot numbers its states, one each period.
     let lost = 1.0 - (reading.count as f64 - 1.0) * reading.period_s / reading.time_s;

@@ -30,7 +30,6 @@ impl Session<'_> {
         self.ask_at(start_us, what, command)
     }
 
-    /// Like [`ask`](Self::ask), for a command that starts at `start_us`.
     fn ask_at(&mut self, start_us: u64, what: &str, command: Command) -> Result<Result<(), Refusal>, CampaignError> {
         let sequence = self.endpoint.send_at(start_us, command);
         self.start_us = start_us;

@@ -13,7 +13,6 @@ const APPROACH_US: u64 = 6_000_000;
 /// Motion of the setpoint, in m, from which the direction of approach is read.
 const LEAST_MOTION_M: f64 = 1e-4;
 
-/// One sample of an approach.
 struct KeptSample {
     /// Device time, in µs.
     time_us: u64,

@@ -73,7 +73,6 @@ pub struct FaultMessage {
 }
 
 impl FaultMessage {
-    /// From a report.
     pub(super) fn new(utc_ns: u64, report: &FaultReport) -> Self {
         Self {
             stamp: Time::from_ns(utc_ns),
@@ -152,7 +151,6 @@ pub struct LogMessage<'a> {
 }
 
 impl<'a> LogMessage<'a> {
-    /// A line.
     pub(super) fn new(utc_ns: u64, level: Level, line: &'a str) -> Self {
         Self {
             stamp: Time::from_ns(utc_ns),

@@ -41,7 +41,6 @@ struct Recording {
     complaint: Option<String>,
     /// Device time of each sample.
     clock: SampleClock,
-    /// UTC of each sample.
     utc: UtcClock,
     thinning: Thinning,
     tracer: ContactTracer,

@@ -21,9 +21,7 @@ use crate::force::{ForceSense, WrenchError};
 /// The nominal robot with its tool, as telemetry describes it.
 #[derive(Clone, Debug)]
 pub struct DrawnArm {
-    /// Its frames.
     pub(super) frames: FrameTree,
-    /// Its description.
     pub(super) urdf: String,
     chain: Chain,
     sense: ForceSense,

@@ -64,7 +64,6 @@ struct Channel {
 /// Writes samples into an MCAP file.
 pub struct TelemetryWriter<W: Write + Seek> {
     writer: Writer<W>,
-    /// By topic.
     channels: BTreeMap<&'static str, Channel>,
     /// The message that is being written.
     buffer: Vec<u8>,

@@ -81,7 +81,6 @@ pub struct JointArm {
 
 /// Natural frequency of the position control, rad/s.
 const HOLD_RAD_S: f64 = 60.0;
-/// The longest integration step, s.
 const LONGEST_STEP_S: f64 = 2.5e-4;
 
 impl JointArm {

@@ -93,7 +93,6 @@ impl CommandMessage {
     }
 }
 
-/// The header of both messages.
 pub(super) struct MessageHeader {
     pub(super) sequence: u32,
     pub(super) reflected: u32,

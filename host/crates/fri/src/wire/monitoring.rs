@@ -49,7 +49,6 @@ pub struct ConnectionInfo {
 }
 
 impl Default for ConnectionInfo {
-    /// No session.
     fn default() -> Self {
         Self {
             session: SessionState::Idle,

@@ -156,9 +156,7 @@ pub struct ToolSection {
 
 impl ToolSection {
     /// Checks every number.
-    ///
-    /// # Errors
-    /// The first field with an impossible value.
+    /// Errors: the first field with an impossible value.
     pub(super) fn check(&self) -> Result<(), CellError> {
         let refuse = |field, value, remedy| Err(CellError { field, value, remedy });
         for value in self.tcp_mm.iter().flatten() {
@@ -215,9 +213,7 @@ impl CellSection {
     }
 
     /// Checks every number. Waypoints are checked against the plan when they are used.
-    ///
-    /// # Errors
-    /// The first field with an impossible value.
+    /// Errors: the first field with an impossible value.
     pub(super) fn check(&self) -> Result<(), CellError> {
         self.tool.check()?;
         self.drive.check()?;

@@ -145,9 +145,7 @@ impl CertificateSection {
     }
 
     /// Checks every value.
-    ///
-    /// # Errors
-    /// The first field with an impossible value.
+    /// Errors: the first field with an impossible value.
     pub(super) fn check(&self) -> Result<(), ConfigError> {
         for (field, text) in [
             ("number", &self.number),

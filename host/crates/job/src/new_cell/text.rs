@@ -34,7 +34,6 @@ fn array(values: [f64; 3], decimals: usize) -> String {
     format!("[{}]", values.map(|v| number(v, decimals)).join(", "))
 }
 
-/// A text as TOML has it.
 fn quoted(text: &str) -> String {
     toml::Value::from(text).to_string()
 }

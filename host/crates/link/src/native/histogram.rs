@@ -24,7 +24,6 @@ impl Default for Histogram {
     }
 }
 
-/// The bin of a time.
 fn bin(us: u32) -> usize {
     if us < 4 {
         return us as usize;

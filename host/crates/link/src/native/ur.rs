@@ -15,7 +15,6 @@ use super::drive::{Course, Interface, InterfaceDrive, SESSION, periods};
 use super::ur_start::{Sent, UrError, UrOptions, begin, start};
 use crate::LinkError;
 
-/// Control period, s and µs.
 const PERIOD_S: f64 = TorqueClient::period_s();
 const PERIOD_US: u32 = (PERIOD_S * 1e6) as u32;
 /// Periods in a second: the pause between an end and the next start. The host sees the fault first.
@@ -47,7 +46,6 @@ pub struct Ur {
     limits: [f64; JOINTS],
     motors: [f64; JOINTS],
     state: TorqueState,
-    /// The state before it.
     before: TorqueState,
     sent: Sent,
     /// A start has read its first state.

@@ -23,7 +23,6 @@ use spherecal_budget::link::{WAITING, WAITING_FRAMES};
 pub(super) struct Candidate {
     pub(super) stream: TcpStream,
     pub(super) address: SocketAddr,
-    /// What it has sent.
     pub(super) bytes: Vec<u8>,
     watch: FrameWatch,
 }
@@ -59,9 +58,7 @@ impl Lobby {
 
     /// Reads what those who wait have sent, and greets whoever has connected. Waits for nothing. In this order, a flood of
     /// connections does not close that of a peer whose frame has come.
-    ///
-    /// # Errors
-    /// The listener fails.
+    /// Errors: the listener fails.
     pub(super) fn look(&mut self, listener: &TcpListener, greeting: &[u8]) -> Result<Look, TcpError> {
         for number in 0..self.waiting.len() {
             let Some(candidate) = self.waiting.get_mut(number) else {

@@ -26,7 +26,6 @@ impl FrameGap {
         self.damaged = self.damaged.saturating_add(1);
     }
 
-    /// So many bytes came.
     pub(super) fn came(&mut self, bytes: usize) {
         self.since.get_or_insert_with(Instant::now);
         self.bytes = self.bytes.saturating_add(bytes);

@@ -305,7 +305,6 @@ impl DriveServer {
     }
 }
 
-/// Frames of a greeting.
 const GREETING: u32 = 2;
 
 /// The hello and the first state, framed for a controller in lock-step.

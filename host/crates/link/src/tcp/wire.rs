@@ -142,7 +142,6 @@ impl Wire {
         self.progress.left().is_some()
     }
 
-    /// What was received.
     pub(super) fn counters(&self) -> LinkCounters {
         self.counters
     }
@@ -291,7 +290,6 @@ impl Wire {
         }
     }
 
-    /// The error of a message that came in the place of `what`.
     pub(super) fn unexpected<M: Message>(&self, what: &'static str, came: Parsed<M>) -> TcpError {
         let peer = self.peer.clone();
         let found = match came {

@@ -156,7 +156,6 @@ impl Chain {
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// Frames and TCP at `q`.
     fn posture<const MOST: usize>(&self, q: &[f64]) -> ChainFrames<MOST> {
         let mut frames = [Pose::identity(); MOST];
         let flange = frames_into(&self.links, q, &mut frames);

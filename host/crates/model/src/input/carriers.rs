@@ -18,7 +18,6 @@ pub(super) struct Carrier {
 }
 
 impl Carrier {
-    /// The joint of a column with this name, if it is one.
     pub(super) fn new(format: &TableFormat, column: usize, name: &str) -> Option<Self> {
         let lower = plain(name);
         let (stem, scale) = angle_unit(&lower);

@@ -42,9 +42,7 @@ impl Splitter {
     }
 
     /// Cuts a line; returns the number of its cells, 0 for an empty line.
-    ///
-    /// # Errors
-    /// A quote without its partner; too many cells.
+    /// Errors: a quote without its partner; too many cells.
     pub(super) fn split(&mut self, line: &str) -> Result<usize, SplitError> {
         self.count = 0;
         let quotes = memchr::memchr_iter(b'"', line.as_bytes()).count();

@@ -161,9 +161,7 @@ impl Plan {
     }
 
     /// Plans the columns of a table with these names.
-    ///
-    /// # Errors
-    /// A mapping that names a column that is not there.
+    /// Errors: a mapping that names a column that is not there.
     pub(super) fn new(
         file: &str,
         written: &[String],

@@ -37,7 +37,6 @@ impl TableFormat {
     }
 }
 
-/// What a column holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum ColumnRole {
     /// Angle of a joint (from 0), times `scale` in rad.
@@ -73,7 +72,6 @@ pub(super) enum ColumnRole {
 /// The columns of a table and what they are together.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct TableHeader {
-    /// Names as written.
     pub(super) names: Vec<String>,
     pub(super) columns: Vec<ColumnRole>,
     /// Points in a row: 0, 1, or more where they are numbered.

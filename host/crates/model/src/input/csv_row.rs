@@ -66,7 +66,6 @@ impl<'a> RowReader<'a> {
         self.table
     }
 
-    /// Refuses cell `k`.
     fn refuse(&self, k: usize, value: &str, remedy: &str) -> InputError {
         let name = self.header.names.get(k).cloned();
         InputError::Cell {
@@ -327,7 +326,6 @@ impl<'a> RowReader<'a> {
     }
 }
 
-/// Refuses a line of the file.
 pub(super) fn refuse_line(file: &str, line: u64, what: &str, remedy: &str) -> InputError {
     InputError::Line {
         file: file.to_owned(),

@@ -37,9 +37,7 @@ fn check_joint_columns(format: &TableFormat) -> Result<(), InputError> {
 }
 
 /// Reads a header.
-///
-/// # Errors
-/// Columns that are not known, stand twice, or are incomplete together.
+/// Errors: columns that are not known, stand twice, or are incomplete together.
 pub(super) fn header(file: &str, names: Vec<String>, format: &TableFormat) -> Result<TableHeader, InputError> {
     let refuse = |what: String, remedy: String| InputError::Columns {
         file: file.to_owned(),

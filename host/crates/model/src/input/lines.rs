@@ -29,7 +29,6 @@ impl From<EncodingError> for LineError {
     }
 }
 
-/// The lines of a source.
 pub(super) struct Lines<R> {
     source: R,
     decoder: Decoder,
@@ -46,9 +45,7 @@ pub(super) struct Lines<R> {
 
 impl<R: Read> Lines<R> {
     /// Looks at the beginning of a source.
-    ///
-    /// # Errors
-    /// A source that cannot be read or is not text.
+    /// Errors: a source that cannot be read or is not text.
     pub(super) fn new(mut source: R) -> Result<Self, LineError> {
         let mut raw = vec![0; PIECE];
         let mut head = 0;
@@ -80,9 +77,7 @@ impl<R: Read> Lines<R> {
     }
 
     /// The next line without its end, and its number from 1; `None` at the end.
-    ///
-    /// # Errors
-    /// A line that is too long or is not text; a source that fails.
+    /// Errors: a line that is too long or is not text; a source that fails.
     pub(super) fn next(&mut self) -> Result<Option<(&str, u64)>, LineError> {
         let (end, next) = loop {
             let rest = &self.text[self.searched..];

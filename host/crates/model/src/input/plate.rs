@@ -78,7 +78,6 @@ pub fn read_plate_file(path: &Path) -> Result<Plate, InputError> {
     read_plate(&path.display().to_string(), &text)
 }
 
-/// Where a refusal stands.
 struct RefusalPlace<'a> {
     file: &'a str,
     sphere: u32,

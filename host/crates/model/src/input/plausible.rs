@@ -14,9 +14,7 @@ const FEWEST: usize = 5;
 const TURN_RAD: f64 = 6.5;
 
 /// Checks a table's units.
-///
-/// # Errors
-/// Angles or points whose numbers fit another unit only.
+/// Errors: angles or points whose numbers fit another unit only.
 pub(super) fn check(table: &Table, header: &TableHeader) -> Result<(), InputError> {
     if table.len() < FEWEST {
         return Ok(());
@@ -49,7 +47,6 @@ fn refuse(table: &Table, header: &TableHeader, k: usize, column: usize, value: f
     }
 }
 
-/// The column of joint `joint`.
 fn column_of(header: &TableHeader, joint: usize) -> usize {
     let found = |c: &ColumnRole| matches!(c, ColumnRole::Angle { joint: j, .. } if *j == joint);
     header.columns.iter().position(found).unwrap_or_default()

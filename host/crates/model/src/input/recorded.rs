@@ -80,7 +80,6 @@ fn quoted(cell: &str, separator: u8) -> String {
     }
 }
 
-/// A line of cells.
 fn joined(cells: &[String], separator: u8) -> String {
     let cells: Vec<String> = cells.iter().map(|c| quoted(c, separator)).collect();
     cells.join(char::from(separator).encode_utf8(&mut [0; 4]))

@@ -5,7 +5,6 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use super::table::{Labels, Table, rotation};
 use crate::{Pose, Set, Target};
 
-/// A name as a cell.
 fn cell(name: &str) -> String {
     format!("\"{}\"", name.replace('"', "\"\""))
 }

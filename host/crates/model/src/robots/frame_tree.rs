@@ -169,7 +169,6 @@ mod tests {
     use super::super::{built_in, load_urdf_text, table_frames, write_urdf};
     use super::*;
 
-    /// The frame `name` in the root frame.
     fn in_root(frames: &HashMap<&str, (&str, Pose<f64>)>, name: &str) -> Pose<f64> {
         match frames.get(name) {
             Some((parent, pose)) => compose(&in_root(frames, parent), pose),

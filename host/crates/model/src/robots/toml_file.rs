@@ -39,7 +39,6 @@ struct JointTable {
     name: String,
     /// A row of a modified table,
     mdh: Option<MdhTable>,
-    /// or of a standard one.
     dh: Option<MdhTable>,
     link: Option<BodyTable>,
     limits: Option<LimitsTable>,

@@ -37,9 +37,8 @@ fn list(path: &str, text: &str, name: &str) -> Result<[f64; 6], RobotFileError> 
 }
 
 /// The built-in arm `name` with the calibration of a controller; `path` is for messages.
-///
-/// # Errors
-/// An arm that is not built in, lists that are missing or have not six numbers, and corrections of more than some cm.
+/// Errors: an arm that is not built in, lists that are missing or have not six numbers, and corrections of more than
+/// some cm.
 pub(super) fn load(path: &str, text: &str, name: Option<&str>) -> Result<RobotModel, RobotFileError> {
     let Some((name, lengths)) = name.and_then(|name| Some((name, ur_lengths(name)?))) else {
         let remedy = format!(

@@ -64,7 +64,6 @@ pub struct Urdf {
     pub notes: Vec<String>,
 }
 
-/// A value error of this file.
 fn value_error(path: &str, field: String, value: &str, remedy: &str) -> RobotFileError {
     RobotFileError::Value {
         path: path.to_owned(),
@@ -74,7 +73,6 @@ fn value_error(path: &str, field: String, value: &str, remedy: &str) -> RobotFil
     }
 }
 
-/// One finite number.
 fn number(path: &str, field: impl Fn() -> String, text: &str) -> Result<f64, RobotFileError> {
     match text.trim().parse::<f64>() {
         Ok(v) if v.is_finite() => Ok(v),

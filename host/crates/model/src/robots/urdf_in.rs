@@ -60,9 +60,7 @@ pub fn load_any(path: &str, text: &str, ends: Option<&str>) -> Result<RobotModel
 
 /// The same with the semantic description beside the file, and also for a chain whose joints slide or follow others:
 /// the table is that of its turning joints, with the sliding ones at zero.
-///
-/// # Errors
-/// As [`load`].
+/// Errors: as [`load`].
 pub(super) fn load_path(
     path: &str,
     text: &str,

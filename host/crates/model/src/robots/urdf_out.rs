@@ -23,7 +23,6 @@ pub(super) const SAME: f64 = 1e-13;
 /// What gives a URDF's chain the kinematics of a table, each with the index of its joint.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Corrected {
-    /// Origins of joints.
     pub(super) origins: Vec<(usize, Pose<f64>)>,
     /// Axes of sliding joints, in their own frames.
     axes: Vec<(usize, Vector3<f64>)>,

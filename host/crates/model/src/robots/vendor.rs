@@ -40,7 +40,6 @@ const UR_JOINTS: [&str; 6] = [
 /// A joint origin as a file writes it.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct JointOrigin {
-    /// Key of the joint.
     pub(super) key: String,
     /// Position in the parent link, in m.
     pub(super) xyz: [f64; 3],

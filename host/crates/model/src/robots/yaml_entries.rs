@@ -9,7 +9,6 @@ use super::error::RobotFileError;
 pub(super) const MOST_JOINTS: usize = MAX_CHAIN + 2;
 /// The six numbers of an origin.
 pub(super) const NUMBERS: [&str; 6] = ["x", "y", "z", "roll", "pitch", "yaw"];
-/// Direction of an axis that is not z.
 pub(super) const AXIS: [&str; 3] = ["axis_x", "axis_y", "axis_z"];
 /// Deepest nesting of a file that is read.
 const MOST_DEPTH: usize = 4;

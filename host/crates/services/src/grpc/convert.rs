@@ -67,7 +67,6 @@ pub(super) fn event(number: u32, sent_us: u64, body: &Event) -> Option<proto::Ev
     })
 }
 
-/// An event from the wire.
 pub(super) fn arrival(event: proto::Event) -> Result<Arrival, Malformed> {
     use proto::event::Body;
     let body = match event.body.ok_or("an event without a body")? {

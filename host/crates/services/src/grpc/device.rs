@@ -28,7 +28,6 @@ pub struct RemoteRobot {
     in_real_time: bool,
 }
 
-/// Converts an error of the service to one of the link.
 fn failed(error: ServiceError) -> LinkError {
     LinkError::Device {
         input: error.is_input(),
@@ -90,7 +89,6 @@ impl RemoteRobot {
         })
     }
 
-    /// One turn, and the answer to it.
     fn turn(&mut self, turn: HostTurn) -> Result<ControllerTurn, ServiceError> {
         let gone = |what: &str| ServiceError::Transport {
             peer: self.peer.clone(),

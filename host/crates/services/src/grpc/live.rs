@@ -21,7 +21,6 @@ const AGAIN: Duration = Duration::from_secs(2);
 /// How long the last messages may take.
 const LAST: Duration = Duration::from_secs(2);
 
-/// The service.
 #[derive(Clone)]
 pub(crate) struct LiveService {
     hub: Arc<Hub>,

@@ -39,9 +39,7 @@ impl CampaignObserver for Watched<'_> {
 }
 
 /// Carries out orders until there are no more, or until the client disconnects.
-///
-/// # Errors
-/// When the link to the robot fails. A refused or failed order is an answer, not an error.
+/// Errors: when the link to the robot fails. A refused or failed order is an answer, not an error.
 pub(super) fn operate(
     device: &mut dyn Device,
     facts: &RobotFacts,
@@ -99,7 +97,6 @@ fn outcome(answer: Answer, joints: usize) -> Outcome {
     }
 }
 
-/// An order as the campaign takes it.
 fn command(order: proto::Order) -> Result<campaign::Order, convert::Malformed> {
     let joints = |values: &[f64]| {
         Joints::from_slice(values).map_err(|_| format!("{} joints are more than any supported robot has", values.len()))

@@ -34,9 +34,7 @@ const SPEAKS: [Code; 4] = [
 /// A runtime for one connection. It has a thread of its own: a server closes a connection that leaves its pings without
 /// an answer, and the thread answers them while the caller plans or waits for a person. A robot's connection has none:
 /// a host that is silent for that long loses its robot anyway.
-///
-/// # Errors
-/// When the system gives no thread.
+/// Errors: when the system gives no thread.
 pub(super) fn own_runtime() -> std::io::Result<Runtime> {
     tokio::runtime::Builder::new_multi_thread()
         .worker_threads(1)

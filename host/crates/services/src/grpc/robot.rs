@@ -21,7 +21,6 @@ use spherecal_link::Device;
 /// The robot. It is created for the first client and then kept in its state.
 type KeptDevice = Option<Box<dyn Device>>;
 
-/// The service.
 #[derive(Clone)]
 pub(crate) struct RobotService {
     facts: Arc<RobotFacts>,

@@ -20,7 +20,6 @@ use spherecal_store::Peer;
 /// Makes a tracker for one client's measurements.
 pub type TrackerFactory = Box<dyn Fn() -> Result<Box<dyn Tracker + Send>, TrackerError> + Send + Sync>;
 
-/// The service.
 #[derive(Clone)]
 pub(crate) struct TrackerService {
     make: Arc<TrackerFactory>,
@@ -123,7 +122,6 @@ impl RemoteTracker {
     }
 }
 
-/// Converts an error of the service to one of a tracker.
 fn failed(error: ServiceError) -> TrackerError {
     TrackerError::Device {
         input: error.is_input(),

@@ -22,7 +22,6 @@ const NOTES: usize = 20;
 /// A run among those that a hub shows.
 pub type RunId = u64;
 
-/// What is kept of a run.
 struct KeptRun {
     scene: LiveScene,
     frame: Option<Frame>,

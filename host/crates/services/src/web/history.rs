@@ -10,7 +10,6 @@ use serde::Serialize;
 use super::{RequestContext, with_store};
 use spherecal_store::history::{self, LIMIT_MM, Past, Trend};
 
-/// One arm with its past.
 #[derive(Serialize)]
 struct ArmHistory {
     robot: String,

@@ -36,7 +36,6 @@ struct Kept {
 #[derive(Default)]
 pub(super) struct Reports(Mutex<VecDeque<Kept>>);
 
-/// `/report/RUN`
 pub(super) async fn report(State(site): State<Arc<RequestContext>>, Path(run): Path<String>) -> Response {
     let Ok(run) = run.parse::<i64>() else {
         return refused(StatusCode::NOT_FOUND, format!("\"{run}\" is no number of a run\n"));

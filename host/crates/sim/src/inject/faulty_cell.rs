@@ -277,7 +277,6 @@ impl FaultyCell {
         Ok(())
     }
 
-    /// One control period.
     fn period(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
         let command = self.delivered();
         let drive = self.drive.drive_mut();

@@ -12,7 +12,6 @@ use std::time::Duration;
 use spherecal_link::{Arrival, Journal, JournalError};
 use spherecal_shared::protocol::host::SessionId;
 
-/// Faults of the disk or of the file on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct DiskFaults {
     /// The disk has no room for more than is on it.
@@ -119,7 +118,6 @@ impl<J: Journal> Journal for HostFaultJournal<J> {
 mod tests {
     use super::*;
 
-    /// Counts what reaches it.
     #[derive(Default)]
     struct Counting(usize);
 

@@ -47,7 +47,6 @@ pub enum TouchKind {
     Obstacle,
 }
 
-/// One contact point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ContactPoint {
     /// Point in F0, in m.
@@ -62,11 +61,9 @@ pub(super) struct ContactPoint {
     pub(super) friction: f64,
     /// Speed under which friction is viscous, in m/s.
     pub(super) slow: f64,
-    /// What it is.
     pub(super) kind: TouchKind,
 }
 
-/// Touches of one instant.
 pub(super) type Touches = heapless::Vec<ContactPoint, MAX_TOUCHES>;
 
 /// The nest's shape, precomputed.

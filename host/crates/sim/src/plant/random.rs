@@ -39,7 +39,6 @@ pub(super) enum Stream {
     Cable,
 }
 
-/// The generator of one stream of a seed.
 pub(super) fn stream(seed: u64, which: Stream) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(which as u64);

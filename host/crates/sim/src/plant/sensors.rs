@@ -43,7 +43,6 @@ pub struct Sensed<const N: usize> {
     pub refused: bool,
 }
 
-/// State of the sensors.
 #[derive(Clone, Debug)]
 pub(super) struct Sensors<const N: usize> {
     config: SensorConfig,

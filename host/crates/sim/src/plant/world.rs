@@ -63,7 +63,6 @@ pub struct TrueCell<const N: usize> {
     pub rotor: [f64; N],
     /// Bias of the torque sensors, in N m.
     pub torque_bias: [f64; N],
-    /// Torques of the cables.
     pub(super) cable: Cable<N>,
     /// True plate pose in F0 in each of its placements.
     pub(super) plates: Vec<Pose<f64>>,
@@ -71,7 +70,6 @@ pub struct TrueCell<const N: usize> {
     pub(super) deflections: [Deflection; N],
     pub(super) memory: [PathMemory; N],
     pub(super) warming: Warming,
-    /// Side of the encoders.
     pub(super) side: EncoderSide,
     /// Bending of each link about x and y of its joint's frame, in rad/(N m).
     pub(super) bending: [[f64; 2]; N],

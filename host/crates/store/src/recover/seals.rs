@@ -237,7 +237,6 @@ fn is_readable(row: &StoredRow) -> bool {
     row.len() == COLUMNS.len() && json.map(|(_, value)| value).all(readable)
 }
 
-/// The columns of `runs`.
 const COLUMNS: [&str; 12] = [
     "run",
     "created_utc",

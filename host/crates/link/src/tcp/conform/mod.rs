@@ -33,7 +33,6 @@ impl Finding {
 /// A sentence, and how it is asked for. The error is what was seen in its place.
 type Sentence = (&'static str, fn(&str) -> Result<(), String>);
 
-/// Asks for each sentence of a document.
 fn ask(document: &'static str, sentences: &[Sentence], address: &str) -> Vec<Finding> {
     let one = |(sentence, ask): &Sentence| Finding {
         document,

@@ -23,7 +23,6 @@ pub(super) struct Came {
 }
 
 impl Came {
-    /// The message, if it is one of this type.
     pub(super) fn read<M: Message>(&self) -> Option<M> {
         (self.header.key == M::KEY).then(|| postcard::from_bytes(&self.body).ok())?
     }
@@ -43,7 +42,6 @@ pub(super) fn hex(bytes: &[u8]) -> String {
     }
 }
 
-/// A message as a frame.
 pub(super) fn framed<M: Message>(message: &M, sequence: u32) -> Result<Vec<u8>, String> {
     let mut out = vec![0; MAX_FRAME];
     let length = frame::encode(message, sequence, 0, &mut out).map_err(|error| error.to_string())?;

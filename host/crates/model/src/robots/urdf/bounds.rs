@@ -5,9 +5,7 @@
 //! over the text refuses what no robot description needs. What is not well-formed
 //! is left to the parser, which says why.
 
-/// Most elements of a file.
 const MOST_ELEMENTS: usize = 200_000;
-/// Most attributes of one element.
 const MOST_ATTRIBUTES: usize = 64;
 /// Most elements within each other.
 const MOST_DEPTH: usize = 64;
@@ -73,7 +71,6 @@ pub(super) struct TooMuch {
     pub(super) limit: usize,
 }
 
-/// A start tag.
 struct Tag {
     attributes: usize,
     namespaces: usize,

@@ -17,7 +17,6 @@ const SLIDE_M: f64 = 10.0;
 /// Most joints that a note names.
 const NAMED: usize = 3;
 
-/// What a `<limit>` says.
 pub(super) struct Limits {
     /// Smallest and largest position, in rad or m.
     pub(super) range: (f64, f64),
@@ -30,9 +29,7 @@ pub(super) struct Limits {
 }
 
 /// Reads the limits of a joint of type `kind`.
-///
-/// # Errors
-/// Text that is no number.
+/// Errors: text that is no number.
 pub(super) fn read(
     path: &str,
     owner: &str,

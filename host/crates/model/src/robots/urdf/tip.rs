@@ -18,7 +18,6 @@ use crate::robots::error::RobotFileError;
 /// Most names that a message lists.
 const LISTED: usize = 20;
 
-/// Names for a message.
 pub(super) fn listed<'a>(names: impl Iterator<Item = &'a str> + Clone) -> String {
     let more = names.clone().count().saturating_sub(LISTED);
     let mut words = names.take(LISTED).collect::<Vec<_>>().join(", ");
@@ -302,9 +301,7 @@ impl<'u> Arms<'u> {
     }
 
     /// The tip, and why it is.
-    ///
-    /// # Errors
-    /// No arm, or several.
+    /// Errors: no arm, or several.
     pub(super) fn tip(&self, srdf: Option<&Srdf>) -> Result<(String, String), RobotFileError> {
         let known = |link: &&String| self.urdf.links.contains(link) && self.reaches(link);
         let one = |links: Vec<&String>, why: &str| -> Option<Result<(String, String), RobotFileError>> {
