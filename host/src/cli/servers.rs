@@ -164,7 +164,7 @@ pub(super) fn controller(args: &ControllerArgs) -> Result<Exit, CliError> {
     let told = &mut |reason: &TcpError| errln!("spherecal controller: {reason}");
     let result = controller_server::serve_hosts(&mut cell, &listener, args.once, told);
     if let Some(monitor) = Device::monitor(&cell) {
-        errln!("{}", job::DriveTiming::from(&monitor.record()).words());
+        errln!("{}", monitor.record().words());
     }
     let link = cell.drive_counters();
     errln!(

@@ -15,7 +15,6 @@ mod certificate;
 mod commission;
 mod config;
 pub mod connect;
-mod drive_timing;
 mod early_end;
 mod error;
 mod evaluate;
@@ -46,7 +45,6 @@ pub use config::{
     LaserSection, PlanSection, ToolSection,
 };
 pub use connect::connect_early;
-pub use drive_timing::{Bin, DriveTiming, TimeHistogram};
 pub use error::JobError;
 pub use evaluate::{Measurements, evaluate};
 pub use impedance::impedance;

@@ -2,9 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 use spherecal_link::Injected;
+use spherecal_link::native::DriveRecord;
 use spherecal_shared::protocol::frame::LinkCounters;
-
-use super::drive_timing::DriveTiming;
 
 /// Counters of the two ends of the host link in a session.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -19,7 +18,7 @@ pub struct LinkRecord {
     pub late: u32,
     /// What the drive measured, if it is a robot's own interface.
     #[serde(default)]
-    pub drive: Option<DriveTiming>,
+    pub drive: Option<DriveRecord>,
     /// Whether the drive said that its arm is simulated.
     #[serde(default)]
     pub simulated: bool,

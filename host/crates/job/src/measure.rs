@@ -13,7 +13,6 @@ use spherecal_store::time::now_utc;
 use spherecal_store::{CalibrationStore, NewRun, Peer, RunInfo, SessionEnd, StoredPose};
 
 use super::accuracy::StoredAccuracy;
-use super::drive_timing::DriveTiming;
 use super::early_end::EarlyEnd;
 use super::journal::{REPEATED_SESSION, StoreJournal};
 use super::link::Link;
@@ -158,7 +157,7 @@ pub fn measure(prepared: &PreparedRun, site: Site<'_>, resume: Option<&RunInfo>)
             ends: [outcome.link, outcome.statistics.link],
             injected: injected(),
             late: outcome.statistics.late,
-            drive: outcome.drive.as_ref().map(DriveTiming::from),
+            drive: outcome.drive,
             simulated: outcome.statistics.simulated,
         })?,
         telemetry_json: json(&outcome.telemetry)?,

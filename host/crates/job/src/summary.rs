@@ -10,10 +10,11 @@ use spherecal_shared::protocol::frame::LinkCounters;
 use spherecal_shared::protocol::host::{FaultReport, Recording};
 
 use super::certificate::run_certificate;
-use super::{DriveTiming, EarlyEnding, Evaluation, JobError, LinkRecord, Measurements};
+use super::{EarlyEnding, Evaluation, JobError, LinkRecord, Measurements};
 use spherecal_identify::validate::{Alignment, ErrorStatistics};
 use spherecal_identify::{ParameterEstimate, Verdict};
 use spherecal_link::Injected;
+use spherecal_link::native::DriveRecord;
 use spherecal_report::Certificate;
 use spherecal_results::{files_json, hexadecimal};
 
@@ -180,7 +181,7 @@ pub struct Summary {
     pub link: LinkSummary,
     /// Real-time loop of a robot's own interface.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub drive: Option<DriveTiming>,
+    pub drive: Option<DriveRecord>,
     /// Verdict.
     pub verdict: Verdict,
     /// The files of the result with the error that each has over the work region.
@@ -267,7 +268,7 @@ pub fn summarise(m: &Measurements, e: &Evaluation, created: &str) -> Result<Summ
             .collect(),
         faults: m.faults.clone(),
         link: LinkSummary::of(&m.link),
-        drive: m.link.drive.clone(),
+        drive: m.link.drive,
         verdict: e.verdict.clone(),
         validation,
         remarks: e.notes.clone(),

@@ -1,9 +1,10 @@
 //! Tables of the report about the run itself: contacts, seating, link, faults, provenance.
 
+use spherecal_link::native::{DriveRecord, Histogram};
 use spherecal_link::qemu::LOG_FILE;
 use spherecal_report::SimpleTable;
 
-use crate::{Config, DriveTiming, Link, Measurements, Summary, TimeHistogram};
+use crate::{Config, Link, Measurements, Summary};
 
 pub(super) fn strings(words: &[&str]) -> Vec<String> {
     words.iter().map(|w| (*w).to_owned()).collect()
@@ -135,11 +136,11 @@ pub(super) fn health(m: &Measurements, s: &Summary) -> Vec<SimpleTable> {
 }
 
 /// The histograms of the real-time loop, with bins of an octave.
-fn real_time(drive: &DriveTiming) -> SimpleTable {
+fn real_time(drive: &DriveRecord) -> SimpleTable {
     let octave = |us: u32| 32 - us.leading_zeros();
-    let count = |spread: &TimeHistogram, k: u32| -> u64 {
-        let bins = spread.bins.iter().filter(|bin| octave(bin.from_us) == k);
-        bins.map(|bin| bin.count).sum()
+    let count = |spread: &Histogram, k: u32| -> u64 {
+        let bins = spread.bins().filter(|(from_us, ..)| octave(*from_us) == k);
+        bins.map(|(.., count)| u64::from(count)).sum()
     };
     let rows = (0..=32)
         .map(|k| (k, count(&drive.turnaround, k), count(&drive.jitter, k)))

@@ -1,5 +1,6 @@
 //! A histogram of times that the real-time thread can keep: a fixed array, no allocation.
 
+use serde::{Deserialize, Serialize};
 use spherecal_shared::protocol::host::Octaves;
 
 /// Bins: four for each doubling of the time.
@@ -7,11 +8,52 @@ const BINS: usize = 88;
 
 /// Counts of times in µs, in bins of a quarter octave: a percentile is at most 25 % too large. Times above 4 s are in
 /// the last bin.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "StoredHistogram", into = "StoredHistogram")]
 pub struct Histogram {
     bins: [u32; BINS],
     count: u64,
     max_us: u32,
+}
+
+/// A histogram as files have it: its largest time in µs, and its bins that are not empty, in order.
+#[derive(Default, Serialize, Deserialize)]
+#[serde(default)]
+struct StoredHistogram {
+    max_us: u32,
+    bins: Vec<StoredBin>,
+}
+
+/// From a time, in µs, to below another.
+#[derive(Serialize, Deserialize)]
+struct StoredBin {
+    from_us: u32,
+    to_us: u32,
+    count: u32,
+}
+
+impl From<Histogram> for StoredHistogram {
+    fn from(histogram: Histogram) -> Self {
+        let bin = |(from_us, to_us, count)| StoredBin { from_us, to_us, count };
+        Self {
+            max_us: histogram.max_us,
+            bins: histogram.bins().map(bin).collect(),
+        }
+    }
+}
+
+impl From<StoredHistogram> for Histogram {
+    fn from(stored: StoredHistogram) -> Self {
+        let mut histogram = Self {
+            max_us: stored.max_us,
+            ..Self::default()
+        };
+        for one in stored.bins {
+            histogram.bins[bin(one.from_us)] = one.count;
+            histogram.count += u64::from(one.count);
+        }
+        histogram
+    }
 }
 
 impl Default for Histogram {
@@ -50,6 +92,15 @@ impl Histogram {
         }
         self.count += 1;
         self.max_us = self.max_us.max(us);
+    }
+
+    /// Adds the times of another histogram.
+    pub fn add(&mut self, other: &Self) {
+        for (own, count) in self.bins.iter_mut().zip(other.bins) {
+            *own = own.saturating_add(count);
+        }
+        self.count += other.count;
+        self.max_us = self.max_us.max(other.max_us);
     }
 
     /// Times that were counted.

@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError, TryLockError};
 use std::time::Instant;
 
+use serde::{Deserialize, Serialize};
 use spherecal_cyclic::Machine;
-
 use spherecal_shared::protocol::host::LoopTiming;
 
 use super::{DriveEvent, Histogram};
@@ -16,16 +16,17 @@ const SHARE_EVERY: u32 = 64;
 const EVENTS: usize = 64;
 
 /// What a drive counted since it was opened.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct DriveRecord {
     /// Cycles in which a torque was due.
     pub cycles: u64,
     /// Periods of the commanded motion that passed without an answer.
     pub missed: u64,
-    /// Cycles whose answer left later than 300 µs after the state came.
-    pub late: u64,
     /// The longest gap: missed periods in a row.
     pub longest_gap: u64,
+    /// Cycles whose answer left later than 300 µs after the state came.
+    pub late: u64,
     /// Commands of which a torque changed too fast and was clamped by the drive.
     pub rate_limited: u64,
     /// Commands of which a torque exceeded its limit and was clamped by the drive.
@@ -40,6 +41,40 @@ pub struct DriveRecord {
     pub turnaround: Histogram,
     /// How far the time between two states differs from the control period, µs.
     pub jitter: Histogram,
+}
+
+impl DriveRecord {
+    /// Adds what a later session counted.
+    pub fn add(&mut self, other: &Self) {
+        self.cycles += other.cycles;
+        self.missed += other.missed;
+        self.longest_gap = self.longest_gap.max(other.longest_gap);
+        self.late += other.late;
+        self.rate_limited += other.rate_limited;
+        self.torque_limited += other.torque_limited;
+        self.stops += other.stops;
+        self.recoveries += other.recoveries;
+        self.reconnects += other.reconnects;
+        self.turnaround.add(&other.turnaround);
+        self.jitter.add(&other.jitter);
+    }
+
+    /// One sentence for people.
+    pub fn words(&self) -> String {
+        let share = |part: u64| 100.0 * part as f64 / self.cycles.max(1) as f64;
+        format!(
+            "{} cycles, {:.3} % answered later than 300 us, {} periods missed (at most {} in a row), {} stops of the \
+             robot; from state to command {} us (median), {} us (99.9 %); jitter of the states {} us (99.9 %)",
+            self.cycles,
+            share(self.late),
+            self.missed,
+            self.longest_gap,
+            self.stops,
+            self.turnaround.percentile_us(0.5),
+            self.turnaround.percentile_us(0.999),
+            self.jitter.percentile_us(0.999)
+        )
+    }
 }
 
 impl From<&DriveRecord> for LoopTiming {
@@ -241,5 +276,26 @@ mod tests {
         assert_eq!((record.missed, record.longest_gap, record.cycles), (2, 2, 1));
         assert_eq!((record.rate_limited, record.torque_limited), (1, 0));
         drop(recorder);
+    }
+
+    // Fails if the sum of two sessions loses a count, its percentiles are not those of all times together, or JSON changes it.
+    #[test]
+    fn sessions_add_up() {
+        let mut whole = Histogram::default();
+        let (mut sum, mut second) = (DriveRecord::default(), DriveRecord::default());
+        for us in 1..=1000 {
+            whole.record(us);
+            let part = if us % 3 == 0 { &mut sum } else { &mut second };
+            part.turnaround.record(us);
+            part.cycles += 1;
+        }
+        (sum.longest_gap, second.longest_gap, second.missed) = (4, 9, 11);
+        sum.add(&second);
+        assert_eq!((sum.cycles, sum.longest_gap, sum.missed), (1000, 9, 11));
+        assert_eq!(sum.turnaround, whole);
+        let text = serde_json::to_string(&sum).expect("JSON");
+        assert_eq!(serde_json::from_str::<DriveRecord>(&text).expect("a record"), sum);
+        let bins = serde_json::to_value(whole).expect("JSON")["bins"].clone();
+        assert_eq!(bins[4], serde_json::json!({"from_us": 5, "to_us": 6, "count": 1}));
     }
 }
