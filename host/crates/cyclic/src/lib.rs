@@ -11,6 +11,7 @@
 
 mod clock;
 mod inbox;
+mod joint_arm;
 mod machine;
 mod side;
 #[cfg(any(test, feature = "testing"))]
@@ -20,6 +21,7 @@ mod wire_enum;
 
 pub use clock::PeriodClock;
 pub use inbox::{Inbox, SocketError, Wait, io_error};
+pub use joint_arm::{JointArm, JointDrive};
 pub use machine::{Datagrams, Listener, Machine, Process, Running, Stream, this_machine};
 pub use side::{Published, Side};
 pub use wire::Wire;

@@ -1,7 +1,7 @@
 //! The robot side: speaks the protocol as a Panda (versions 4 and 5) or an FR3 (versions 6 to 10).
 //!
 //! Three layers:
-//! - [`ArmHardware`]: what moves. One step a millisecond: a command in, a measurement out. [`JointArm`] is a simple one for
+//! - [`ArmHardware`]: what moves. One step a millisecond: a command in, a measurement out. [`joint_arm`] makes a simple one for
 //!   tests; a simulated plant can stand here instead.
 //! - [`RobotSupervisor`]: the robot's rules, without sockets and clock: modes, reflexes, limits, success rate.
 //! - [`RobotSide`]: TCP, UDP and the 1 kHz clock, as a process of its own: a thread, or in tests a part of a simulated
@@ -44,7 +44,7 @@ mod server;
 mod session;
 mod supervisor;
 
-pub use arm::{ArmCommand, ArmHardware, ArmState, JointArm};
+pub use arm::{ArmCommand, ArmHardware, ArmState, joint_arm};
 pub use config::{READY, RobotConfig, Tolerance};
 pub use limits::ArmLimits;
 pub use model::ModelError;

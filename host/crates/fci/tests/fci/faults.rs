@@ -173,9 +173,9 @@ fn a_killed_client_leaves_a_robot_that_holds() {
     // The process is gone: no StopMove, no more commands, the connections break.
     world.cut();
     assert!(world.eventually(|| side.statistics().mode == Some(RobotMode::Idle)));
-    let before = *arm.lock().expect("the arm").q();
+    let before = arm.lock().expect("the arm").q;
     assert!(world.eventually(|| side.statistics().periods > 500));
-    let after = *arm.lock().expect("the arm").q();
+    let after = arm.lock().expect("the arm").q;
     assert!((0..7).all(|j| (after[j] - before[j]).abs() < 1e-3));
     drop(client);
     let mut next = Client::connect(&config(&world, side.address())).expect("a new client");

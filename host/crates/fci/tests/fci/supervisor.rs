@@ -1,6 +1,7 @@
 //! The robot's rules, period by period, without clock and sockets.
 
 use proptest::prelude::*;
+use spherecal_cyclic::JointArm;
 use spherecal_fci::robot::*;
 use spherecal_fci::wire::*;
 
@@ -14,7 +15,7 @@ struct Rig {
 
 impl Rig {
     fn new(version: Version) -> Self {
-        let arm = JointArm::new(READY);
+        let arm = joint_arm(READY);
         let config = RobotConfig {
             recovery: 3,
             ..RobotConfig::new(version)

@@ -1,7 +1,7 @@
 //! The cabinet's side: sends monitoring messages, rates the answers, and lets an arm follow the overlay.
 //!
 //! Three layers:
-//! - [`ArmHardware`]: what moves. [`JointArm`] is a simple one for tests; a simulated plant can stand here instead.
+//! - [`ArmHardware`]: what moves. [`joint_arm`] makes a simple one for tests; a simulated plant can stand here instead.
 //! - [`Cabinet`]: the rules, without socket and clock: session states, quality, safety, the application's motion.
 //! - [`CabinetSide`]: UDP and the clock, as a process of its own: a thread, or in tests a part of a simulated network
 //!   ([`CabinetConfig::machine`]).
@@ -33,7 +33,7 @@ mod cabinet;
 mod config;
 mod server;
 
-pub use arm::{ArmCommand, ArmHardware, ArmState, JointArm};
+pub use arm::{ArmCommand, ArmHardware, ArmState, joint_arm};
 pub use cabinet::Cabinet;
 pub use config::{CabinetConfig, START, Tolerance};
 pub use server::{CabinetSide, CabinetStatistics, Controls};

@@ -1,6 +1,7 @@
 //! The cabinet's rules, period by period, without clock and socket.
 
 use proptest::prelude::*;
+use spherecal_cyclic::JointArm;
 use spherecal_fri::robot::*;
 use spherecal_fri::wire::*;
 
@@ -13,7 +14,7 @@ struct Rig {
 
 impl Rig {
     fn new(config: CabinetConfig) -> Self {
-        let arm = JointArm::new(START);
+        let arm = joint_arm(START);
         let mut cabinet = Cabinet::new(config, arm.state());
         let newest = cabinet.message(&arm.state());
         Self {

@@ -163,10 +163,10 @@ fn a_killed_client_leaves_closed_brakes() {
     // The process is gone: no more answers.
     drop(client);
     assert!(world.eventually(|| side.statistics().session == Some(SessionState::MonitoringWait)));
-    let before = *arm.lock().expect("the arm").q();
+    let before = arm.lock().expect("the arm").q;
     let periods = side.statistics().periods;
     assert!(world.eventually(|| side.statistics().periods > periods + 300));
-    assert_eq!(before, *arm.lock().expect("the arm").q());
+    assert_eq!(before, arm.lock().expect("the arm").q);
     let mut settings = config(&world);
     settings.address = address;
     let mut next = Client::listen(&settings).expect("a new client");

@@ -5,10 +5,13 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
+use spherecal_cyclic::JointArm;
 use spherecal_cyclic::testing::World;
 use spherecal_cyclic::{Machine, this_machine};
 use spherecal_fri::client::{ClientConfig, EndCause, TorqueLimits};
-use spherecal_fri::robot::{ArmCommand, ArmHardware, ArmState, CabinetConfig, CabinetSide, JointArm, START, Tolerance};
+use spherecal_fri::robot::{
+    ArmCommand, ArmHardware, ArmState, CabinetConfig, CabinetSide, START, Tolerance, joint_arm,
+};
 use spherecal_fri::wire::SafetyState;
 use spherecal_link::native::{DriveEvent, KukaDrive, KukaOptions, Undeclared};
 use spherecal_link::{Drive, LinkError};
@@ -29,7 +32,7 @@ struct Iiwa {
 
 impl Iiwa {
     fn new(share: f64) -> Self {
-        let mut joints = JointArm::new(START);
+        let mut joints = joint_arm(START);
         joints.gravity = [0.0; 7];
         Self {
             joints,
