@@ -64,24 +64,28 @@ pub use teach::{NoJournal, Operator, Taught, teach};
 pub use tracker::{LaserMeasurementError, Tracker, TrackerError, measure_laser};
 pub use words::describe;
 
-/// How a campaign behaves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+/// How the campaign behaves.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct RunOptions {
-    /// Failed attempts (without a new recording) after which a sphere is given up.
+    /// Number of failed attempts after which a sphere is given up.
     pub attempts: u32,
-    /// Failures after which a single pose is given up and the campaign tries the next one.
+    /// Number of failures after which a pose is given up.
     pub pose_attempts: u32,
-    /// Poses given up, in percent of those planned, after which the campaign stops.
+    /// Share of poses given up, in percent, at which the campaign stops.
     pub rejected_percent: u32,
-    /// Delay from a command's cause to its start, in ms. A lossy link can deliver both within this
-    /// time, so that no tick of the arm depends on the link.
+    /// Time from an event to the start of the command that answers it, in ms. The link must carry the event up and
+    /// the command down within this time; otherwise the recordings depend on the link.
     pub lead_ms: u32,
-    /// Whether a sphere is coupled until two couplings agree before it is measured, so that its place
-    /// is known even if the nest seats badly now and then.
+    /// Whether a sphere is coupled until two couplings agree before it is measured.
     pub confirm_seats: bool,
     /// Whether every sphere is coupled once more after its poses, to see that it has not moved.
     pub second_visits: bool,
+    /// Largest error of the waypoints along each axis, in m: it stands for quick hand-guiding (Section 4.2 of the
+    /// paper). It is for simulated arms alone: the waypoints of a real arm are not moved. It has no effect where
+    /// `cell.waypoints` or `--waypoints` gives taught ones.
+    pub taught_error_m: f64,
 }
 
 impl RunOptions {
@@ -93,7 +97,17 @@ impl RunOptions {
         lead_ms: 60,
         confirm_seats: false,
         second_visits: true,
+        taught_error_m: 0.010,
     };
+
+    /// The same with at least one attempt.
+    pub fn options(&self) -> Self {
+        Self {
+            attempts: self.attempts.max(1),
+            pose_attempts: self.pose_attempts.max(1),
+            ..*self
+        }
+    }
 }
 
 impl Default for RunOptions {

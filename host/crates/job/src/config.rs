@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use spherecal_shared::procedure::Procedure;
 
+use spherecal_campaign::RunOptions;
 use spherecal_identify as identify;
 use spherecal_link::Lossy;
 use spherecal_model::{read_text, read_toml};
@@ -23,7 +24,7 @@ use certificate::is_one_line;
 
 pub use certificate::CertificateSection;
 pub use error::ConfigError;
-pub use sections::{CampaignSection, Choice, LaserSection, PlanSection};
+pub use sections::{Choice, LaserSection, PlanSection};
 
 /// Largest configuration file, in bytes.
 const MOST_BYTES: u64 = 1 << 20;
@@ -48,7 +49,7 @@ pub struct Config {
     /// Which poses are visited.
     pub plan: PlanSection,
     /// How the campaign behaves.
-    pub campaign: CampaignSection,
+    pub campaign: RunOptions,
     /// The procedure of Algorithm 2.
     pub procedure: Procedure,
     /// The simulated arm: the name of a `preset` (default: `as_measured`), and the errors that differ from it. A real
@@ -73,7 +74,7 @@ impl Default for Config {
             certificate: CertificateSection::default(),
             cell: CellSection::default(),
             plan: PlanSection::default(),
-            campaign: CampaignSection::default(),
+            campaign: RunOptions::default(),
             procedure: Procedure::default(),
             plant: named(DEFAULT_PRESET),
             laser: LaserSection::default(),

@@ -41,8 +41,8 @@ pub use accuracy::{EarlyEnding, ask_accuracy};
 pub use certificate::study_certificate;
 pub use commission::{Commissioning, commission, commissionings};
 pub use config::{
-    CampaignSection, CellSection, CertificateSection, Choice, Config, ConfigError, DEFAULT_PRESET, DriveSection,
-    LaserSection, PlanSection, ToolSection,
+    CellSection, CertificateSection, Choice, Config, ConfigError, DEFAULT_PRESET, DriveSection, LaserSection,
+    PlanSection, ToolSection,
 };
 pub use connect::connect_early;
 pub use error::JobError;

@@ -3,7 +3,6 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use spherecal_campaign as campaign;
 use spherecal_identify as identify;
 use spherecal_plan::{
     CONTACTS, Cell, DesignRequest, Grid, Plan, PlanError, PlanRequest, Range, Rules, design, design_for, plan,
@@ -127,58 +126,6 @@ impl PlanSection {
                 },
                 other => other,
             }),
-        }
-    }
-}
-
-/// How the campaign behaves.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct CampaignSection {
-    /// Number of failed attempts after which a sphere is given up.
-    pub attempts: u32,
-    /// Number of failures after which a pose is given up.
-    pub pose_attempts: u32,
-    /// Share of poses given up, in percent, at which the campaign stops.
-    pub rejected_percent: u32,
-    /// Time from an event to the start of the command that answers it, in ms. The link must carry the event up and
-    /// the command down within this time; otherwise the recordings depend on the link.
-    pub lead_ms: u32,
-    /// Whether a sphere is coupled until two couplings agree before it is measured.
-    pub confirm_seats: bool,
-    /// Whether every sphere is coupled once more after its poses, to see that it has not moved.
-    pub second_visits: bool,
-    /// Largest error of the waypoints along each axis, in m: it stands for quick hand-guiding (Section 4.2 of the
-    /// paper). It is for simulated arms alone: the waypoints of a real arm are not moved. It has no effect where
-    /// `cell.waypoints` or `--waypoints` gives taught ones.
-    pub taught_error_m: f64,
-}
-
-impl Default for CampaignSection {
-    fn default() -> Self {
-        let options = campaign::RunOptions::default();
-        Self {
-            attempts: options.attempts,
-            pose_attempts: options.pose_attempts,
-            rejected_percent: options.rejected_percent,
-            lead_ms: options.lead_ms,
-            confirm_seats: options.confirm_seats,
-            second_visits: options.second_visits,
-            taught_error_m: 0.010,
-        }
-    }
-}
-
-impl CampaignSection {
-    /// As the campaign takes it.
-    pub fn options(&self) -> campaign::RunOptions {
-        campaign::RunOptions {
-            attempts: self.attempts.max(1),
-            pose_attempts: self.pose_attempts.max(1),
-            rejected_percent: self.rejected_percent,
-            lead_ms: self.lead_ms,
-            confirm_seats: self.confirm_seats,
-            second_visits: self.second_visits,
         }
     }
 }
