@@ -279,9 +279,9 @@ fn resumed(
     let mut store = open_store(&args.database(), false)?;
     store.verify()?;
     let mut info = store.require_run_of(args.arm.as_deref().unwrap_or_default())?;
-    if info.link != args.link.to_string() {
+    if info.about.link != args.link.to_string() {
         return Err(JobError::Resume {
-            what: format!("the last run used --link {}, not --link {}", info.link, args.link),
+            what: format!("the last run used --link {}, not --link {}", info.about.link, args.link),
             remedy: "give the same --link, or begin a new run without --resume",
         }
         .into());
@@ -311,9 +311,16 @@ pub(super) fn evaluate(
             view.show(StudyStep::Evaluating(step));
         }
     })?;
-    let summary = job::summarise(&measurements, &evaluation, &info.created_utc)?;
+    let summary = job::summarise(&measurements, &evaluation, &info.about.created_utc)?;
     let traces = job::contact_traces(store, info.run)?;
-    let written = job::write(out, &measurements, &evaluation, &summary, &traces, &info.created_utc)?;
+    let written = job::write(
+        out,
+        &measurements,
+        &evaluation,
+        &summary,
+        &traces,
+        &info.about.created_utc,
+    )?;
     if let Some(moved) = &written.moved {
         errln!("spherecal: {moved}");
     }
@@ -330,7 +337,7 @@ pub(super) fn evaluate(
     let mut files = vec![store.path().to_owned()];
     files.extend(written.paths);
     files.extend(job::run_telemetry(out, info));
-    if info.link == Link::Qemu.to_string() {
+    if info.about.link == Link::Qemu.to_string() {
         files.push(out.join(LOG_FILE));
     }
     files.retain(|file| file.exists());

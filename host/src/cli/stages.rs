@@ -38,7 +38,7 @@ pub(super) fn measure(args: &RunArgs) -> Result<Exit, CliError> {
     });
     if args.json {
         let document = serde_json::json!({
-            "command": "measure", "run": info.run, "seed": info.seed, "robot": info.robot.name.as_str(),
+            "command": "measure", "run": info.run, "seed": info.about.seed, "robot": info.about.robot.name.as_str(),
             "recorded": recorded, "database": store.path(),
         });
         outln!("{document:#}");

@@ -66,7 +66,7 @@ pub(crate) fn compared(database: &Path, sessions: bool) -> String {
         run.sessions.clear();
     }
     run.handshakes.clear();
-    format!("{run:?}\n{}\n{:?}", info.config_toml, info.state)
+    format!("{run:?}\n{}\n{:?}", info.about.config_toml, info.state)
 }
 
 /// The recordings that are stored, in words; none where there is no run yet.

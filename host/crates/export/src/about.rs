@@ -25,9 +25,9 @@ impl About {
     fn of(info: &RunInfo) -> Self {
         Self {
             run: info.run,
-            created_utc: info.created_utc.clone(),
-            robot: info.robot.name.to_string(),
-            arm: info.arm.clone(),
+            created_utc: info.about.created_utc.clone(),
+            robot: info.about.robot.name.to_string(),
+            arm: info.about.arm.clone(),
         }
     }
 

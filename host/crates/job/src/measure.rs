@@ -246,20 +246,20 @@ pub fn read(store: &mut dyn CalibrationStore, info: &RunInfo) -> Result<Measurem
             message: format!("{e}; it was written by another version"),
         }
     };
-    let mut config = Config::stored(&info.config_toml)?;
+    let mut config = Config::stored(&info.about.config_toml)?;
     let accuracy = StoredAccuracy::read(store, info.run)?;
     config.plan.accuracy_mm = accuracy.asked_mm(config.plan.accuracy_mm);
-    let plan: Plan = serde_json::from_str(&info.plan_json).map_err(undecodable("the stored plan"))?;
+    let plan: Plan = serde_json::from_str(&info.about.plan_json).map_err(undecodable("the stored plan"))?;
     let stored = store.read_run(info.run)?;
     let mut link = LinkRecord::default();
     for session in &stored.sessions {
         link.add(&LinkRecord::stored(&session.link_json));
     }
     Ok(Measurements {
-        seed: info.seed,
-        link_name: info.link.clone(),
-        robot: info.robot.clone(),
-        tool: info.tool,
+        seed: info.about.seed,
+        link_name: info.about.link.clone(),
+        robot: info.about.robot.clone(),
+        tool: info.about.tool,
         config,
         plan,
         spheres: stored.spheres,

@@ -54,7 +54,7 @@ pub fn stored_report(
     Ok(StoredReport {
         measurements: read(store, info)?,
         traces: contact_traces(store, info.run)?,
-        created_utc: info.created_utc.clone(),
+        created_utc: info.about.created_utc.clone(),
         simulator,
     })
 }

@@ -11,7 +11,7 @@ use super::Link;
 pub(super) fn run_key(info: &RunInfo) -> RunKey {
     RunKey {
         number: info.run,
-        created_utc: info.created_utc.clone(),
+        created_utc: info.about.created_utc.clone(),
     }
 }
 
@@ -22,7 +22,7 @@ pub(super) fn run_key(info: &RunInfo) -> RunKey {
 /// before. Of them only the largest is returned.
 pub fn run_telemetry(folder: &Path, info: &RunInfo) -> Vec<PathBuf> {
     let files = files_of_run(folder, &run_key(info));
-    if !info.link.parse::<Link>().is_ok_and(|link| link.simulated()) {
+    if !info.about.link.parse::<Link>().is_ok_and(|link| link.simulated()) {
         return files;
     }
     let size = |path: &PathBuf| std::fs::metadata(path).map_or(0, |m| m.len());

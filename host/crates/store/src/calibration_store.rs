@@ -263,9 +263,9 @@ pub(super) fn one_by_one<S: CalibrationStore + ?Sized>(
             headline: store.result(info.run, HEADLINE)?,
             fingerprint: store.result(info.run, FINGERPRINT)?,
             run: info.run,
-            created_utc: info.created_utc,
-            robot: info.robot.name.to_string(),
-            arm: info.arm,
+            created_utc: info.about.created_utc,
+            robot: info.about.robot.name.to_string(),
+            arm: info.about.arm,
             state: info.state,
         });
     }

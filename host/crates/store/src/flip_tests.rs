@@ -164,7 +164,7 @@ fn flip(count: usize, seed: u64) -> Tally {
             "bit {bit}: not what was written"
         );
         assert_eq!(
-            store.info_of(1).expect("readable").expect("the run").seed,
+            store.info_of(1).expect("readable").expect("the run").about.seed,
             new_run().seed
         );
         // A flip lies in one row at most; a damaged page's header may cost the rows of the page.

@@ -94,7 +94,7 @@ pub struct SqlStore {
 }
 
 /// What is known of a run before its first event.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct NewRun {
     /// When it was begun, UTC, RFC 3339.
     pub created_utc: String,

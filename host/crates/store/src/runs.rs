@@ -2,37 +2,20 @@
 
 use std::collections::BTreeMap;
 
-use spherecal_shared::robot::{Robot, Tool};
 use sqlx::any::AnyRow;
 
 use super::seal::RUNS;
-use super::{SessionEnd, SqlStore, StoreError, digest};
+use super::{NewRun, SessionEnd, SqlStore, StoreError, digest};
 
 /// A run, without its data.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunInfo {
     /// Number.
     pub run: i64,
-    /// When it was begun, UTC, RFC 3339.
-    pub created_utc: String,
-    /// Seed.
-    pub seed: u64,
-    /// Link, as on the command line.
-    pub link: String,
-    /// Nominal robot.
-    pub robot: Robot,
-    /// Nominal tool.
-    pub tool: Tool,
-    /// The configuration, as TOML.
-    pub config_toml: String,
-    /// The plan, as JSON.
-    pub plan_json: String,
-    /// Program that began it.
-    pub program: String,
     /// `running`, `measured` or `complete`; [`Self::COMMISSIONED`].
     pub state: String,
-    /// Name of the arm: its serial number, or another name that is unique in the fleet.
-    pub arm: String,
+    /// What was known before its first event. The plate and the poses are read with its data.
+    pub about: NewRun,
 }
 
 impl RunInfo {
@@ -94,16 +77,20 @@ impl SqlStore {
         self.require_sound(run, &[RUNS])?;
         Ok(RunInfo {
             run,
-            created_utc: self.get(row, "created_utc")?,
-            seed,
-            link: self.get(row, "link")?,
-            robot: self.json(row, "robot_json")?,
-            tool: self.json(row, "tool_json")?,
-            config_toml: self.get(row, "config_toml")?,
-            plan_json: self.get(row, "plan_json")?,
-            program: self.get(row, "program")?,
             state: self.get(row, "state")?,
-            arm: self.get(row, "arm")?,
+            about: NewRun {
+                created_utc: self.get(row, "created_utc")?,
+                seed,
+                link: self.get(row, "link")?,
+                robot: self.json(row, "robot_json")?,
+                tool: self.json(row, "tool_json")?,
+                config_toml: self.get(row, "config_toml")?,
+                plan_json: self.get(row, "plan_json")?,
+                program: self.get(row, "program")?,
+                spheres: Vec::new(),
+                poses: Vec::new(),
+                arm: self.get(row, "arm")?,
+            },
         })
     }
 

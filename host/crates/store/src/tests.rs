@@ -77,8 +77,11 @@ fn recordings_survive_to_the_bit_and_come_once() {
     }
     let mut store = SqlStore::open(&path).expect("opened again");
     let info = store.require_last_run().expect("the run");
-    assert_eq!((info.run, info.seed, info.state.as_str()), (1, u64::MAX - 3, "running"));
-    assert_eq!((info.robot, info.tool), (iiwa7(), iiwa7_tool()));
+    assert_eq!(
+        (info.run, info.about.seed, info.state.as_str()),
+        (1, u64::MAX - 3, "running")
+    );
+    assert_eq!((info.about.robot, info.about.tool), (iiwa7(), iiwa7_tool()));
     assert_eq!(store.recordings(1).expect("read"), recordings);
     let read = store.read_run(1).expect("read");
     assert_eq!(

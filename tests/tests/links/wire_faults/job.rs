@@ -156,9 +156,9 @@ impl Job {
         let info = store.require_last_run().expect("a run");
         let measured = job::read(&mut store, &info).expect("recordings");
         let evaluation = simulated::evaluate(&measured, &mut |_| {}).expect("a calibration");
-        let summary = job::summarise(&measured, &evaluation, &info.created_utc).expect("a summary");
+        let summary = job::summarise(&measured, &evaluation, &info.about.created_utc).expect("a summary");
         let folder = self.folder.path();
-        job::write(folder, &measured, &evaluation, &summary, &[], &info.created_utc).expect("files");
+        job::write(folder, &measured, &evaluation, &summary, &[], &info.about.created_utc).expect("files");
         let report = std::fs::read_to_string(folder.join("report.html")).expect("a report");
         (summary, report)
     }

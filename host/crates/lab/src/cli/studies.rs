@@ -134,7 +134,7 @@ pub(super) fn reproduce(args: &ReproduceArgs) -> Result<Exit, CliError> {
         let mut store = SqlStore::open(&database)?;
         let info = store.require_last_run()?;
         errln!("recordings: run {} in {}", info.run, database.display());
-        seed = info.seed;
+        seed = info.about.seed;
         if let Some(trace) = job::contact_traces(&mut store, info.run)?.first() {
             let since = |&(time_s, force_n): &(f64, f64)| (time_s - trace.trigger_s, force_n);
             contact_force = trace.samples.iter().map(since).collect();

@@ -108,16 +108,8 @@ impl RemoteStore {
         let about = convert::new_run(about).map_err(|e| self.nonsense(e))?;
         Ok(RunInfo {
             run: run.run,
-            created_utc: about.created_utc,
-            seed: about.seed,
-            link: about.link,
-            robot: about.robot,
-            tool: about.tool,
-            config_toml: about.config_toml,
-            plan_json: about.plan_json,
-            program: about.program,
             state: run.state,
-            arm: about.arm,
+            about,
         })
     }
 

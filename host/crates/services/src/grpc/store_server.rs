@@ -52,23 +52,10 @@ fn malformed(what: Malformed) -> Status {
 
 /// A run without its data, for the wire.
 fn run(info: &RunInfo) -> Result<Run, Malformed> {
-    let json = |e: serde_json::Error| e.to_string();
     Ok(Run {
         run: info.run,
         state: info.state.clone(),
-        about: Some(NewRun {
-            created_utc: info.created_utc.clone(),
-            seed: info.seed,
-            link: info.link.clone(),
-            robot_json: serde_json::to_string(&info.robot).map_err(json)?,
-            tool_json: serde_json::to_string(&info.tool).map_err(json)?,
-            config_toml: info.config_toml.clone(),
-            plan_json: info.plan_json.clone(),
-            program: info.program.clone(),
-            spheres: Vec::new(),
-            poses: Vec::new(),
-            arm: info.arm.clone(),
-        }),
+        about: Some(convert::new_run_out(&info.about)?),
     })
 }
 
