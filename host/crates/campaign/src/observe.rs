@@ -1,12 +1,13 @@
-//! Observers of a campaign, and what they are shown.
+//! Observers of a campaign, what they are shown, and what a session came to.
 
 use serde::{Deserialize, Serialize};
-use spherecal_shared::protocol::host::{Phase, Sample};
+use spherecal_link::Arrival;
+use spherecal_link::native::DriveRecord;
+use spherecal_shared::protocol::frame::LinkCounters;
+use spherecal_shared::protocol::host::{Contact, FaultReport, Phase, Sample, Statistics};
 
 use crate::force::magnitude;
 use crate::telemetry::RunKey;
-use spherecal_link::Arrival;
-use spherecal_link::native::DriveRecord;
 
 /// What the campaign is about.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -143,4 +144,42 @@ impl TelemetrySummary {
         self.max_speed_rad_s = self.max_speed_rad_s.max(largest(&sample.dq));
         self.max_torque_nm = self.max_torque_nm.max(largest(&sample.command));
     }
+}
+
+/// A pose that was given up.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rejected {
+    /// Id of the sphere.
+    pub sphere: u32,
+    /// Id of the pose.
+    pub pose: u32,
+    /// Why.
+    pub reason: String,
+}
+
+/// What a session of a campaign came to.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Outcome {
+    /// Firmware version and build.
+    pub firmware: String,
+    /// Poses recorded in this session.
+    pub recorded: usize,
+    /// Poses given up in this session.
+    pub rejected: Vec<Rejected>,
+    /// Faults, in order.
+    pub faults: Vec<FaultReport>,
+    /// Contacts, in order.
+    pub contacts: Vec<Contact>,
+    /// Device time, in µs.
+    pub simulated_us: u64,
+    /// Control periods.
+    pub ticks: u64,
+    /// What the host's end of the link counted.
+    pub link: LinkCounters,
+    /// What the controller counted.
+    pub statistics: Statistics,
+    /// What telemetry amounted to.
+    pub telemetry: TelemetrySummary,
+    /// What the drive measured of itself, if it is a robot's own interface.
+    pub drive: Option<DriveRecord>,
 }

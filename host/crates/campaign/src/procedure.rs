@@ -9,7 +9,7 @@ use spherecal_shared::protocol::host::{Command, Fault, FaultReport, Phase, PoseC
 
 use super::force::ForceSense;
 use super::observe::{CampaignObserver, CampaignStage};
-use super::outcome::{Outcome, Rejected};
+use super::observe::{Outcome, Rejected};
 use super::places::Places;
 use super::recovery::policy;
 use super::retry::{CouplingEnd, DescentEnd, Waypoints};
@@ -367,6 +367,27 @@ impl<'a> Campaign<'a> {
             self.let_go(session, visit, report)?;
         }
         Ok(AtSphere::Finished)
+    }
+
+    /// Has the plate moved to `place` unless it `stands` there, with the arm at home. Returns
+    /// whether the arm moved home for that.
+    pub(super) fn have_plate(
+        &mut self,
+        session: &mut Session<'_>,
+        stands: &mut Option<u32>,
+        place: u32,
+    ) -> Result<bool, CampaignError> {
+        if *stands == Some(place) {
+            return Ok(false);
+        }
+        let plan = self.assignment.plan;
+        session.stage(CampaignStage::Home, 0, plan);
+        self.travel(session, "reach the home frame", &plan.home.joints)?;
+        session.stage(CampaignStage::Plate, 0, plan);
+        session.plate(place)?;
+        self.place = place;
+        *stands = Some(place);
+        Ok(true)
     }
 }
 

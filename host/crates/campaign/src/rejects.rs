@@ -3,7 +3,7 @@
 use spherecal_shared::protocol::host::FaultReport;
 
 use super::CampaignError;
-use super::outcome::Rejected;
+use super::observe::Rejected;
 use super::procedure::Campaign;
 use super::session::Session;
 use spherecal_plan::{PlannedPose, Visit};

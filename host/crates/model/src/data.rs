@@ -1,4 +1,4 @@
-//! What identification works on: an experiment as plain data, SI units.
+//! What identification works on: an experiment as plain data, SI units; and what was measured beside it.
 
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
@@ -253,4 +253,50 @@ fn check_sphere(sphere: &Sphere) -> Result<(), DataError> {
 /// Table 1 of the paper: three 50.8 mm spheres, ±2.7 µm at 95 %.
 pub fn paper_plate() -> Vec<Sphere> {
     CalibrationPlate::default().certificate()
+}
+
+/// A laser tracker shot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LaserShot {
+    /// What it was made for: `calibrate`, `validate`, or an arc (`base_1`,
+    /// `base_2`, `tool_5`, …).
+    pub purpose: String,
+    /// Joint angles as the encoders gave them, in rad.
+    pub q: Vec<f64>,
+    /// Measured point in the tracker's frame, in m.
+    pub point_m: [f64; 3],
+}
+
+impl LaserShot {
+    /// Purpose of the points that a model is calibrated from.
+    pub const CALIBRATE: &'static str = "calibrate";
+    /// Purpose of the points that models are judged by.
+    pub const VALIDATE: &'static str = "validate";
+    /// Purpose of an arc for the base, before the joint's number.
+    pub const BASE: &'static str = "base_";
+    /// Purpose of an arc for the tool, before the joint's number.
+    pub const TOOL: &'static str = "tool_";
+}
+
+/// Which of the paper's laser sessions a shot belongs to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TrackerSession {
+    /// Arcs of joints 1 and 2, which give the base.
+    BaseArcs,
+    /// Arcs of joints 5 to 7, which give the tool.
+    ToolArcs,
+    /// Calibration and validation measurements.
+    #[default]
+    Measurement,
+}
+
+/// The force against the approach around one contact.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ContactTrace {
+    /// Id of the sphere.
+    pub sphere: u32,
+    /// Device time of the trigger, in s.
+    pub trigger_s: f64,
+    /// Device time, in s, and force against the approach, in N, to a thousandth: the store keeps all digits as text.
+    pub samples: Vec<(f64, f64)>,
 }

@@ -7,9 +7,9 @@ use sqlx::any::AnyArguments;
 use sqlx::query::Query;
 use sqlx::{Any, AnyConnection, AssertSqlSafe};
 
+use super::columns::{put_digest, rows};
 use super::digest::{self, recording_subject};
 use super::seal::{CONTACTS, COUPLINGS, FAULTS, Key, PHASES, RECORDINGS, Sealed, forget_removed, seal};
-use super::statement::{put_digest, rows};
 use super::{SqlStore, StoreError};
 
 /// An event and its key: the session of the run in which it happened, and a number that is unique

@@ -3,10 +3,10 @@
 
 use sqlx::{AssertSqlSafe, Row as _};
 
+use super::columns::rows;
 use super::fleet::statements;
 use super::history::{self, FINGERPRINT, Fingerprint, HEADLINE};
 use super::seal::{SealedValue, of_row};
-use super::statement::rows;
 use super::tests::new_run;
 use super::{CalibrationStore as _, RunInfo, SqlStore, StoreError};
 

@@ -20,10 +20,10 @@ use self::rows::{columns_of, insert_rows, read_rows, run_of};
 use self::schema::{NoSource, sources_of};
 use self::seals::Seals;
 use super::acknowledged;
+use super::columns::put_digest;
 use super::digest::{self, recording_subject};
 use super::log::{Log, log_of};
 use super::seal::{RUNS, seal};
-use super::statement::put_digest;
 use super::{RunInfo, SCHEMA_VERSION, SqlStore, StoreError};
 
 mod rows;

@@ -13,8 +13,8 @@ use sqlx::any::{AnyRow, AnyTypeInfoKind};
 use sqlx::{AnyConnection, AssertSqlSafe, Row as _, ValueRef as _};
 
 use super::acknowledged;
+use super::columns::rows;
 use super::digest::{Digest, recording_subject};
-use super::statement::rows;
 use super::{Damage, SqlStore, StoreError};
 
 /// A table whose rows are sealed.

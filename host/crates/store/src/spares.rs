@@ -5,9 +5,9 @@ use spherecal_model::Sphere;
 use sqlx::any::AnyRow;
 use sqlx::{AnyConnection, AssertSqlSafe, Row as _};
 
+use super::columns::put_digest;
 use super::digest::{self, recording_subject};
 use super::seal::{POSES, RUNS, SEALED, SPARES, SPHERES, SealedValue, seal, seal_unsealed};
-use super::statement::put_digest;
 use super::{SqlStore, StoreError};
 
 /// Seals the settings of a new run, and stores their second copy. `certificate` is sorted by id.

@@ -5,6 +5,7 @@ use std::path::Path;
 use spherecal_model::LaserShot;
 use sqlx::AssertSqlSafe;
 
+use super::columns::{put_digest, rows};
 use super::digest;
 use super::events::KnownEvent;
 use super::past::StoredPast;
@@ -12,7 +13,6 @@ use super::seal::{
     CONTACTS, COUPLINGS, FAULTS, GREETINGS, Key, LASER, PHASES, POSES, RECORDINGS, RESULTS, RUNS, SESSIONS, SPHERES,
     Sealed, forget_removed, seal,
 };
-use super::statement::{put_digest, rows};
 use super::{CalibrationStore, DatabaseKind, NewRun, Placed, RunInfo, SessionEnd, SqlStore, StoreError, StoredRun};
 
 const MEASURED: [Sealed; 10] = [

@@ -2,11 +2,11 @@
 
 use sqlx::{AnyConnection, AssertSqlSafe, Connection as _, Row as _};
 
+use super::columns::{put_digest, rows};
 use super::digest;
 use super::file::PATIENCE;
 use super::lock::identity;
 use super::spares::seal_settings;
-use super::statement::{put_digest, rows};
 use super::{DatabaseKind, NewRun, SqlStore, StoreError};
 
 /// What is known of a session at its end, or so far.

@@ -11,7 +11,6 @@
 //! the procedure: nothing is commanded after it but to stop. What cannot be measured is said so; it is never a pass.
 
 mod figure;
-mod gravity;
 mod moving;
 mod punctuality;
 mod read_only;
@@ -22,9 +21,8 @@ mod watch;
 use serde::{Deserialize, Serialize};
 
 pub use figure::{Figure, Judgement};
-pub use gravity::gravity_nm;
 pub use moving::commission_moving;
-pub use read_only::{ReadOnlyLimits, commission_read_only};
+pub use read_only::{ReadOnlyLimits, commission_read_only, gravity_nm};
 pub use watch::MovingLimits;
 
 /// A step of the procedure, in its order.

@@ -29,14 +29,12 @@ mod link;
 mod overlay;
 mod read_only;
 mod sign;
-mod state;
 mod velocity;
 
 pub use config::{ClientConfig, TorqueLimits};
 pub use error::{ClientError, CommandingEnd, EndCause};
-pub use link::LinkStatistics;
+pub use link::{LinkStatistics, MonitoredState};
 pub use overlay::{Client, Cycle};
 pub use read_only::ReadOnlyClient;
 pub use sign::{MeasuredSign, measured_sign};
-pub use state::MonitoredState;
 pub use velocity::VelocityFilter;

@@ -18,9 +18,9 @@ use spherecal_shared::protocol::frame::{MAX_FRAME, Message as _};
 use spherecal_shared::protocol::host::Downlink;
 
 use super::TcpError;
-use super::greeting::{WHO, gives_way, hello_frame};
 use super::lobby::{Candidate, Lobby, Look};
 use super::progress::FrameWatch;
+use super::real_time_hosts::{WHO, gives_way, hello_frame};
 use super::stream::read_some;
 use super::turns::Turns;
 use crate::{Device, LinkError, LocalDevice};

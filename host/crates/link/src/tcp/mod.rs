@@ -27,7 +27,6 @@ pub mod conform;
 pub mod controller_server;
 mod drive;
 mod error;
-mod greeting;
 mod lobby;
 mod progress;
 mod real_time_hosts;

@@ -4,16 +4,15 @@ use std::io::{ErrorKind, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
-use spherecal_shared::protocol::frame::{MAX_FRAME, Message as _};
+use spherecal_budget::link::{BACKLOG_BYTES, FRAMES_DOWN, SILENT};
+use spherecal_shared::protocol::frame::{self, MAX_FRAME, Message as _};
 use spherecal_shared::protocol::host::Downlink;
 
 use super::TcpError;
-use super::greeting::{WHO, gives_way, hello_frame};
 use super::lobby::{Candidate, Lobby, Look};
 use super::progress::FrameWatch;
 use super::stream::read_some;
 use crate::{Device as _, LinkError, LocalDevice};
-use spherecal_budget::link::{BACKLOG_BYTES, FRAMES_DOWN, SILENT};
 
 /// Bytes that the controller sends in one period, with room to spare.
 const UP: usize = 16 * MAX_FRAME;
@@ -215,4 +214,24 @@ impl Host {
         }
         Ok(())
     }
+}
+
+/// What the peers are called.
+pub(super) const WHO: &str = "the host";
+
+/// The reason of a host that gave way.
+pub(super) fn gives_way(peer: &str, heard: Instant) -> TcpError {
+    TcpError::Gone {
+        peer: peer.to_owned(),
+        what: "it gives way to another host",
+        seconds: heard.elapsed().as_secs(),
+    }
+}
+
+/// The drive's hello, framed for the host.
+pub(super) fn hello_frame(cell: &LocalDevice) -> Result<Vec<u8>, TcpError> {
+    let mut bytes = vec![0; MAX_FRAME];
+    let length = frame::encode(cell.hello(), 0, cell.now_us(), &mut bytes)?;
+    bytes.truncate(length);
+    Ok(bytes)
 }

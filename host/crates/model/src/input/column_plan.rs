@@ -2,10 +2,10 @@
 
 use std::collections::HashMap;
 
-use super::carriers::Carrier;
 use super::columns::ColumnRole;
 use super::columns::TableFormat;
 use super::error::InputError;
+use super::header_names::Carrier;
 use super::header_names::{angle_unit, fixed, is_other, plain};
 use super::mapping::{ColumnMapping, Meaning};
 use super::orientation::Orientation;

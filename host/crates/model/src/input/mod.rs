@@ -10,7 +10,6 @@
 //! ```
 
 mod adjust;
-mod carriers;
 mod cells;
 mod column_plan;
 mod columns;
@@ -21,7 +20,6 @@ mod header;
 mod header_names;
 mod lines;
 mod mapping;
-mod numbers;
 mod orientation;
 mod plate;
 mod plausible;
@@ -35,8 +33,7 @@ pub use columns::{MOST_TARGETS, TableFormat};
 pub use csv_table::{MOST_FILE_BYTES, MOST_ROWS, ReadingProgress, read_csv, read_csv_file};
 pub use error::InputError;
 pub use lines::MOST_LINE_BYTES;
-pub use mapping::ColumnMapping;
-pub use numbers::triple;
+pub use mapping::{ColumnMapping, triple};
 pub use plate::{Plate, read_plate, read_plate_file};
 pub use recorded::{Recorded, recorded};
 pub use table::{Labels, Table, TableRow};

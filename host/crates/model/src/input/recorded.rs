@@ -11,13 +11,13 @@
 
 use std::io::Read;
 
-use super::carriers::decimal;
 use super::cells::{Splitter, no_value, separator};
 use super::column_plan::{OutColumn, Plan};
 use super::columns::TableFormat;
 use super::csv_row::{refuse_line, split_error};
 use super::csv_table::comment as is_comment;
 use super::error::InputError;
+use super::header_names::decimal;
 use super::lines::{LineError, Lines, MOST_LINE_BYTES};
 use super::mapping::ColumnMapping;
 use super::orientation::Orientation;

@@ -16,12 +16,11 @@ mod chain;
 mod joint;
 mod limits;
 mod prefixes;
-mod srdf;
 mod tip;
 
 pub use chain::UrdfChain;
 pub use joint::{JointMotion, Mimic, OriginPlace, UrdfJoint};
-pub use srdf::Srdf;
+pub use prefixes::Srdf;
 
 /// Most joints (fixed ones included) that a file may have, and most links.
 const MOST_JOINTS: usize = 2000;

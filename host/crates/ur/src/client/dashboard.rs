@@ -1,12 +1,15 @@
-//! The dashboard server: lines of text, which software 3 and 5 have and PolyScope X has not.
+//! Single requests: to the dashboard server (lines of text, which software 3 and 5 have and PolyScope X has not), and for the
+//! robot's own calibration.
 
 use std::time::Duration;
 
+use spherecal_budget::robot::{LINE, LINE_BYTES};
 use spherecal_cyclic::named_enum;
 
 use super::channel::Channel;
 use super::{ClientConfig, ClientError};
-use spherecal_budget::robot::{LINE, LINE_BYTES};
+use crate::wire::KinematicsInfo;
+use crate::wire::primary::take_primary;
 
 named_enum! {
     /// What this client asks for.
@@ -48,6 +51,32 @@ fn line(channel: &mut Channel, request: &'static str, after: Duration) -> Result
             return Err(ClientError::NoAnswer {
                 request,
                 interface: "dashboard",
+                after,
+            });
+        }
+    }
+}
+
+/// The Denavit-Hartenberg parameters that the robot computes with, its factory calibration included, from its primary
+/// interface. Nothing is sent.
+///
+/// # Errors
+/// A [`ClientError`] if the robot cannot be reached or does not say them in time.
+pub fn read_kinematics(config: &ClientConfig) -> Result<KinematicsInfo, ClientError> {
+    let addresses = config.addresses(config.primary_port())?;
+    let mut channel = Channel::connect(config, &addresses)?;
+    let after = config.response_timeout;
+    let deadline = channel.now() + after;
+    loop {
+        while let Some((kind, payload)) = take_primary(&mut channel.received)? {
+            if let Some(info) = KinematicsInfo::find(kind, &payload)? {
+                return Ok(info);
+            }
+        }
+        if !channel.receive(Some(deadline))? {
+            return Err(ClientError::NoAnswer {
+                request: "kinematics info",
+                interface: "primary interface",
                 after,
             });
         }

@@ -10,16 +10,14 @@ mod channel;
 mod config;
 mod dashboard;
 mod error;
-mod kinematics;
 mod read_only;
 mod rtde;
 mod state;
 mod torque;
 
 pub use config::ClientConfig;
-pub use dashboard::{DashboardCommand, ask_dashboard};
+pub use dashboard::{DashboardCommand, ask_dashboard, read_kinematics};
 pub use error::{ClientError, ProgramEnd, Unready};
-pub use kinematics::read_kinematics;
 pub use read_only::ReadOnlyClient;
 pub use state::RobotState;
 pub use torque::{TorqueClient, TorqueState};

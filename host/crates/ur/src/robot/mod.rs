@@ -8,7 +8,6 @@
 //! protective stop.
 
 mod arm;
-mod config;
 mod controls;
 mod outputs;
 mod ports;
@@ -16,10 +15,7 @@ mod programs;
 mod registers;
 mod server;
 mod session;
-mod step;
-mod ur_rtde;
 
 pub use arm::{ArmCommand, ArmHardware, ArmState};
-pub use config::RobotConfig;
-pub use controls::{Controls, RobotStatistics};
+pub use controls::{Controls, RobotConfig, RobotStatistics};
 pub use server::RobotSide;

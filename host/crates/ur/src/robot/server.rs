@@ -9,14 +9,14 @@ use std::time::{Duration, Instant};
 use spherecal_cyclic::{Listener, PeriodClock, Process, Published, Side};
 
 use super::arm::{ArmCommand, ArmHardware};
-use super::config::RobotConfig;
+use super::controls::RobotConfig;
 use super::controls::{Controls, RobotStatistics};
 use super::outputs::{Outputs, known};
 use super::ports::{Ports, open};
+use super::programs::Step;
 use super::programs::{Program, torque_order};
 use super::registers::Registers;
 use super::session::{Session, Wanted};
-use super::step::Step;
 use crate::wire::{
     Answer, MAX_NAMES, MAX_REQUEST, NOT_FOUND, PROTOCOL, Recipe, Request, RobotMode, RuntimeState, SafetyMode, Setup,
     TextLevel, TextMessage, Value, WireError, program_name, take_package,

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use spherecal_shared::robot::Pose;
 
-use super::srdf::Srdf;
+use super::prefixes::Srdf;
 use super::tip::{Arms, listed};
 use super::{JointMotion, Urdf, UrdfJoint, value_error};
 use crate::robots::error::RobotFileError;

@@ -11,7 +11,7 @@
 
 use std::collections::HashMap;
 
-use super::srdf::Srdf;
+use super::prefixes::Srdf;
 use super::{JointMotion, Urdf, UrdfJoint, value_error};
 use crate::robots::error::RobotFileError;
 
