@@ -20,7 +20,7 @@ use super::args::BadValue;
 use super::exit::{CliError, Exit, interrupt};
 use super::out::{errln, outln};
 use super::own_calibration::own_robot;
-use super::terminal_operator::TerminalOperator;
+use super::progress::TerminalOperator;
 
 /// Collect contacts while you guide the arm by hand, into the table that `identify` takes.
 ///

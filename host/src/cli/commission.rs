@@ -12,7 +12,7 @@ use super::args::RunArgs;
 use super::exit::{CliError, Exit, interrupt, unwritten};
 use super::features;
 use super::out::{errln, outln};
-use super::terminal_operator::{Entered, TerminalOperator};
+use super::progress::{Entered, TerminalOperator};
 
 /// Commission a robot: its first run, in five steps, with a person at the robot.
 ///

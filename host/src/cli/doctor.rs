@@ -11,9 +11,8 @@ use clap::Args;
 use serde::Serialize;
 
 use super::doctor_realtime::RealTimeCheck;
-use super::exit::{CliError, Exit};
+use super::exit::{CliError, Exit, existing_folder, try_writing};
 use super::out::{out, outln};
-use super::writable;
 use spherecal_link::qemu::find_image;
 
 /// The Cortex-M7's Rust target.
@@ -255,8 +254,8 @@ fn processors() -> DoctorCheck {
 }
 
 fn folder(out: &Path) -> DoctorCheck {
-    let folder = writable::existing(out);
-    let good = writable::written(&folder).is_ok();
+    let folder = existing_folder(out);
+    let good = try_writing(&folder).is_ok();
     let found = if good {
         format!("{} can be written", folder.display())
     } else {
@@ -271,7 +270,7 @@ fn folder(out: &Path) -> DoctorCheck {
 
 fn room(out: &Path) -> DoctorCheck {
     let needed_for = "databases and 1 kHz telemetry";
-    match free_bytes(&writable::existing(out)) {
+    match free_bytes(&existing_folder(out)) {
         Some(free) => check(
             "disk space",
             needed_for,

@@ -12,7 +12,7 @@ use super::args::RunArgs;
 use super::exit::{CliError, Exit, interrupt, unwritten};
 use super::features;
 use super::out::{errln, outln};
-use super::terminal_operator::{Entered, TerminalOperator};
+use super::progress::{Entered, TerminalOperator};
 
 /// Time between two lines of output, in µs of device time.
 const EVERY_US: u64 = 100_000;

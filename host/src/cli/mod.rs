@@ -29,11 +29,9 @@ mod init;
 mod init_given;
 mod init_questions;
 mod limbs;
-mod listening;
 mod live_output;
 pub mod out;
 mod own_calibration;
-mod plan;
 mod progress;
 mod robot;
 mod robot_sides;
@@ -45,13 +43,10 @@ mod stability;
 mod stages;
 mod store;
 mod study;
-mod study_progress;
 mod table;
 mod teach;
-mod terminal_operator;
 mod text;
 mod ur_side;
-mod writable;
 
 use std::io::IsTerminal as _;
 use std::process::ExitCode;
@@ -148,13 +143,13 @@ pub fn finish(name: &str, verbose: u8, command: impl FnOnce() -> Result<Exit, Cl
 fn execute(cli: Cli) -> Result<Exit, CliError> {
     let main_job = Some(cli.run.out.as_path());
     if let Some(out) = cli.command.as_ref().map_or(main_job, CliCommand::results) {
-        writable::check(out)?;
+        exit::check_writable(out)?;
     }
     match cli.command {
         None => run::run(&cli.run),
         Some(CliCommand::Run(args)) => run::run(&args),
         Some(CliCommand::Init(args)) => init::run(&args),
-        Some(CliCommand::Plan(args)) => plan::run(&args),
+        Some(CliCommand::Plan(args)) => stages::run(&args),
         Some(CliCommand::Measure(args)) => stages::measure(&args),
         Some(CliCommand::Teach(args)) => teach::run(&args),
         Some(CliCommand::Check(args)) => check::run(&args),

@@ -1,4 +1,4 @@
-//! Text on stdout and stderr.
+//! Text on stdout and stderr, and what a server says first.
 //!
 //! A reader that has read enough (`spherecal run --json | head -1`) closes the pipe. The remaining
 //! text is then dropped silently, and the command finishes with its own exit code. Any other
@@ -9,6 +9,7 @@
 
 use std::fmt::Arguments;
 use std::io::{Error, ErrorKind, Write as _};
+use std::net::SocketAddr;
 use std::sync::OnceLock;
 
 use spherecal_model::printable_lines;
@@ -66,3 +67,20 @@ macro_rules! err {
 }
 
 pub(super) use {err, errln, out, outln};
+
+/// Prints the address for the process that started this one.
+pub(super) fn announce(line: &str) {
+    let mut out = std::io::stdout().lock();
+    // A reader that closed the pipe does not matter to a server.
+    let _ = writeln!(out, "{line}").and_then(|()| out.flush());
+}
+
+/// Warns that other machines can reach a link that has neither a token nor encryption.
+pub(super) fn warn_if_open(command: &str, address: SocketAddr) {
+    if !address.ip().to_canonical().is_loopback() {
+        errln!(
+            "spherecal {command}: warning: {address} admits every machine that can reach it, without a token and \
+             without encryption: use a network of the cell alone, or give a port without a host for this machine only"
+        );
+    }
+}

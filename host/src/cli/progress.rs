@@ -1,15 +1,15 @@
-//! Live progress on stderr: a bar on a terminal, otherwise a line at intervals.
+//! Live progress on stderr: a bar on a terminal, otherwise a line at intervals. And what a person enters there.
 
 use std::io::IsTerminal as _;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use spherecal_campaign::{CampaignObserver, CampaignStage, Moved, Progress};
+use spherecal_services::live::eta_s;
 use spherecal_shared::protocol::host::Phase;
 
 use super::out::errln;
-use super::terminal_operator::TerminalOperator;
-use spherecal_campaign::{CampaignObserver, CampaignStage, Moved, Progress};
-use spherecal_services::live::eta_s;
 
 /// Interval of the lines if there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
@@ -225,6 +225,51 @@ impl CampaignObserver for ProgressView {
             self.bar.println(text);
         } else {
             errln!("{text}");
+        }
+    }
+}
+
+/// What the terminal gave since the last call.
+pub(super) enum Entered {
+    /// No line.
+    Nothing,
+    /// A line, with its line end.
+    Line(String),
+    /// The terminal is closed: no line will follow.
+    Closed,
+}
+
+/// The operator at this terminal. A separate thread reads the keyboard, so that the control of the
+/// arm never waits for it.
+#[derive(Default)]
+pub(super) struct TerminalOperator {
+    lines: Option<Receiver<String>>,
+}
+
+impl TerminalOperator {
+    /// Whether a line was entered since the last call.
+    pub(super) fn entered(&mut self) -> bool {
+        matches!(self.line(), Entered::Line(_))
+    }
+
+    pub(super) fn line(&mut self) -> Entered {
+        let lines = self.lines.get_or_insert_with(|| {
+            let (told, lines) = channel();
+            std::thread::spawn(move || {
+                let mut line = String::new();
+                // A closed stdin is not a confirmation.
+                while std::io::stdin().read_line(&mut line).is_ok_and(|count| count > 0) {
+                    if told.send(std::mem::take(&mut line)).is_err() {
+                        break;
+                    }
+                }
+            });
+            lines
+        });
+        match lines.try_recv() {
+            Ok(line) => Entered::Line(line),
+            Err(TryRecvError::Empty) => Entered::Nothing,
+            Err(TryRecvError::Disconnected) => Entered::Closed,
         }
     }
 }

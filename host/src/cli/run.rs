@@ -11,7 +11,7 @@ use super::features;
 use super::live_output::LiveOutput;
 use super::out::{err, errln, out, outln};
 use super::progress::ProgressView;
-use super::study_progress::StudyProgress;
+use super::study::StudyProgress;
 use super::text;
 use crate::simulated::{self, SimulatedCell, SimulationError};
 use spherecal_campaign::telemetry::{ContactTrace, DrawnArm, TelemetryRecorder};

@@ -12,8 +12,8 @@ use clap::Args;
 
 use super::args::{BadValue, base};
 use super::exit::{CliError, Exit};
-use super::listening::{announce, warn_if_open};
 use super::out::errln;
+use super::out::{announce, warn_if_open};
 use super::robot_sides::{self, PlantArgs};
 use super::ur_side;
 use crate::simulated;

@@ -1,20 +1,20 @@
-//! Single stages of the job, on stored data.
+//! Single stages of the job: the plan, and those on stored data.
 
 use std::path::PathBuf;
 
 use clap::Args;
+use spherecal_job::{Config, open_store};
+use spherecal_model::write_file;
+use spherecal_services::live::End;
+use spherecal_store::{CalibrationStore, RunInfo};
 
 use super::args::{RunArgs, StoredArgs};
 use super::document::documented;
-use super::exit::{CliError, Exit, interrupt};
+use super::exit::{CliError, Exit, interrupt, unwritten};
 use super::out::{out, outln};
 use super::run::{self, evaluate, print};
-use super::text;
+use super::{features, text};
 use crate::simulated::check;
-use spherecal_job::Config;
-use spherecal_job::open_store;
-use spherecal_services::live::End;
-use spherecal_store::{CalibrationStore, RunInfo};
 
 /// Arguments of `config`.
 #[derive(Args, Clone, Debug)]
@@ -105,4 +105,30 @@ fn stored(args: &StoredArgs) -> Result<(Box<dyn CalibrationStore>, RunInfo), Cli
         )));
     }
     Ok((store, info))
+}
+
+/// Makes the plan, prints its summary, and writes it.
+pub(super) fn run(args: &RunArgs) -> Result<Exit, CliError> {
+    features::check_run(args)?;
+    let prepared = args.prepare()?;
+    let json = serde_json::to_string_pretty(&prepared.plan).map_err(CliError::job)?;
+    if args.json {
+        outln!("{json}");
+        return Ok(Exit::Done);
+    }
+    std::fs::create_dir_all(&args.out).map_err(unwritten(&args.out))?;
+    let path = args.out.join("plan.json");
+    write_file(&path, json + "\n").map_err(unwritten(&args.out))?;
+    out!("{}", text::plan(&prepared.plan));
+    if let Some(wanted_mm) = prepared.config.plan.accuracy_mm {
+        outln!(
+            "A mean error that is surely below {wanted_mm} mm takes about {} poses; the run ends once it is reached.",
+            prepared.plan.recorded()
+        );
+    }
+    outln!(
+        "\nFiles:\n  {}\n\nNext: spherecal run with the same arguments, or spherecal measure to measure only.",
+        path.display()
+    );
+    Ok(Exit::Done)
 }

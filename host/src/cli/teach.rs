@@ -10,7 +10,7 @@ use super::exit::{CliError, Exit, interrupt, unwritten};
 use super::features;
 use super::out::{errln, outln};
 use super::progress::ProgressView;
-use super::terminal_operator::TerminalOperator;
+use super::progress::TerminalOperator;
 use spherecal_campaign::Operator;
 use spherecal_job as job;
 use spherecal_model::chain::Chain;

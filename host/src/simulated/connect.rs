@@ -1,14 +1,22 @@
 //! The device of a run, with the injected faults around it.
 
+use std::path::PathBuf;
+use std::time::Duration;
+
 use spherecal_job::connect::{controller, reliable};
 use spherecal_job::{ConnectedDevice, Connection, FaultyJournal, JobError, Link, PreparedRun};
 use spherecal_link::qemu::{Qemu, QemuOptions};
 use spherecal_link::tcp::RemoteDrive;
-use spherecal_link::{Controller, Device, Drive as _, Injected, LinkError, check_drive, controller_in_process};
-use spherecal_sim::inject::{FaultPlan, FaultyCell, FaultyDrive, HostFaultJournal};
+use spherecal_link::{
+    Controller, Device, Drive as _, Injected, JournalError, LinkError, check_drive, controller_in_process,
+};
+use spherecal_sim::inject::{FaultPlan, FaultyCell, FaultyDrive, FileLock, HostFaultJournal};
 use spherecal_sim::{InjectedCounter, LossyDevice, simulated_arm};
+use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{ConnectOptions as _, Connection as _, Executor as _, SqliteConnection};
+use tokio::runtime::Runtime;
 
-use super::{SimulationError, file_lock, plant};
+use super::{SimulationError, plant};
 
 /// The device behind a link, with the faults of `inject` and the losses of `[host_link]`.
 pub(super) fn connect(
@@ -119,4 +127,41 @@ fn no_injection(link: &Link) -> JobError {
         remedy: "faults can be injected only between a controller and a drive in lock-step: use sim, qemu or the tcp: link of such a drive"
             .to_owned(),
     }
+}
+
+/// Locks the SQLite file at `path` for a time, as another program would: with a separate connection
+/// on a separate thread.
+pub fn file_lock(path: PathBuf) -> FileLock {
+    Box::new(move |time| lock(path.clone(), time))
+}
+
+/// Returns when the file is locked.
+fn lock(path: PathBuf, time: Duration) -> Result<(), JournalError> {
+    let (told, held) = std::sync::mpsc::sync_channel(1);
+    std::thread::spawn(move || {
+        let runtime = match tokio::runtime::Builder::new_current_thread().enable_all().build() {
+            Ok(runtime) => runtime,
+            Err(error) => return drop(told.send(Err(JournalError::store(error)))),
+        };
+        let connection = match runtime.block_on(locked(&path)) {
+            Ok(connection) => connection,
+            Err(error) => return drop(told.send(Err(JournalError::store(error)))),
+        };
+        drop(told.send(Ok(())));
+        std::thread::sleep(time);
+        unlock(&runtime, connection);
+    });
+    // A thread that ended without a message holds no lock.
+    held.recv().unwrap_or(Ok(()))
+}
+
+async fn locked(path: &std::path::Path) -> Result<SqliteConnection, sqlx::Error> {
+    let mut connection = SqliteConnectOptions::new().filename(path).connect().await?;
+    connection.execute("BEGIN EXCLUSIVE").await?;
+    Ok(connection)
+}
+
+/// Closing gives up the lock.
+fn unlock(runtime: &Runtime, connection: SqliteConnection) {
+    drop(runtime.block_on(connection.close()));
 }

@@ -3,7 +3,6 @@
 //! `[plant]` of the configuration describes the arm ([`plant`]), `[host_link]` the quality of the host link.
 
 mod connect;
-mod file_lock;
 mod known_laws;
 
 use std::sync::Arc;
@@ -23,7 +22,7 @@ use spherecal_sim::{
 };
 use toml::{Table, Value};
 
-pub use file_lock::file_lock;
+pub use connect::file_lock;
 pub use known_laws::known_laws_options;
 
 /// Why nothing can be simulated as asked.

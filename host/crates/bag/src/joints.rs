@@ -3,10 +3,10 @@
 use spherecal_model::excerpt;
 
 use super::error::BagError;
-use super::message::BagMessage;
 use super::messages::{JointStateMessage, MessageRefusal};
 use super::targets::Targets;
-use super::wanted::Wanted;
+use super::topics::BagMessage;
+use super::topics::Wanted;
 
 /// Takes the robot's joints from joint states.
 pub(crate) struct JointReader<'a> {

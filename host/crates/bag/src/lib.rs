@@ -30,7 +30,6 @@ mod cdr;
 mod error;
 mod files;
 mod joints;
-mod message;
 mod messages;
 mod poses;
 mod records;
@@ -38,14 +37,13 @@ mod rests;
 mod sqlite;
 mod targets;
 mod topics;
-mod wanted;
 mod words;
 
 pub use error::{BadMessage, BagError};
 pub use files::is_bag;
 pub use poses::{Poses, read_bag};
 pub use rests::{GAP_S, NEAR_S, REST_S};
-pub use wanted::Wanted;
+pub use topics::Wanted;
 
 #[cfg(test)]
 mod test_bag;

@@ -13,7 +13,7 @@ use super::messages::MessageRefusal;
 use super::records::each_message;
 use super::rests::{RestPose, Rests};
 use super::targets::{Where, targets};
-use super::wanted::Wanted;
+use super::topics::Wanted;
 use super::words::{judge, mixed_targets, notes};
 
 /// The poses of a bag.

@@ -12,8 +12,8 @@ use spherecal_model::{FileError, open_regular};
 
 use super::error::BagError;
 use super::files::{LARGER, is_sqlite};
-use super::message::{BagMessage, Topic, full_name};
 use super::sqlite;
+use super::topics::{BagMessage, Topic, full_name};
 use spherecal_budget::files::{BAG_BYTES, NAME_BYTES, RECORD_BYTES, UNPACKED};
 
 /// Bytes that are read at once.

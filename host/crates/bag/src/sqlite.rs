@@ -13,7 +13,7 @@ use sqlx::{ConnectOptions as _, Row as _};
 
 use super::error::BagError;
 use super::files::LARGER;
-use super::message::{BagMessage, Topic, full_name};
+use super::topics::{BagMessage, Topic, full_name};
 use spherecal_budget::files::{self, BAG_BYTES, NAME_BYTES, RECORD_BYTES};
 
 const TOPICS: &str = "SELECT id, name, type, serialization_format FROM topics WHERE max(length(name), length(type), \

@@ -8,10 +8,10 @@ use super::error::{BadMessage, BagError};
 use super::messages::{JOINT_STATE, JointStateMessage, MessageRefusal, ToolPlace, target};
 use spherecal_budget::files::TARGETS;
 
-use super::message::BagMessage;
 use super::records::each_message;
+use super::topics::BagMessage;
+use super::topics::Wanted;
 use super::topics::{ChosenTopics, Topics, taken};
-use super::wanted::Wanted;
 
 /// Most placements of the plate.
 const MOST_PLACES: usize = 1000;

@@ -1,4 +1,4 @@
-//! Which topics of a bag are taken.
+//! What a caller wants of a bag, its messages, and which of its topics are taken.
 //!
 //! Without a choice of the caller: the only topic of joint states, and the only one of `PointStamped`. Other types are
 //! taken only where the caller names their topic: a bag often has poses that the robot computed itself, and numbers that
@@ -7,12 +7,11 @@
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
+use spherecal_budget::files::TOPICS;
 use spherecal_model::excerpt;
 
 use super::error::BagError;
-use super::message::Topic;
 use super::messages::{JOINT_STATE, TARGETS, TargetKind, target_kind};
-use spherecal_budget::files::TOPICS;
 
 /// The type of targets that is taken without being named.
 pub(crate) const POINT: &str = TARGETS[0].0;
@@ -140,6 +139,64 @@ impl Topics {
             0 => "no messages".to_owned(),
             n if n > LISTED => format!("{} and {} more", all[..LISTED].join(", "), n - LISTED),
             _ => all.join(", "),
+        }
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Topic {
+    pub(crate) name: String,
+    /// Name of its type, as `package/msg/Type`.
+    pub(crate) kind: String,
+    /// How its messages are encoded.
+    pub(crate) encoding: String,
+}
+
+pub(crate) struct BagMessage<'a> {
+    pub(crate) topic: &'a Rc<Topic>,
+    /// When it was recorded, in ns.
+    pub(crate) time_ns: i64,
+    pub(crate) data: &'a [u8],
+}
+
+/// `sensor_msgs/JointState` as `sensor_msgs/msg/JointState`.
+pub(crate) fn full_name(kind: &str) -> String {
+    match kind.split_once('/') {
+        Some((package, name)) if !name.contains('/') => format!("{package}/msg/{name}"),
+        _ => kind.to_owned(),
+    }
+}
+
+/// What is wanted of a bag.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Wanted {
+    /// Names of the robot's joints as the joint states have them, base to flange.
+    pub joints: Vec<String>,
+    /// Other names of the same joints, taken where a joint state has not all of `joints`; or none.
+    pub other_joints: Vec<String>,
+    /// Topics that are taken; empty to take the only ones that could be meant.
+    pub topics: Vec<String>,
+    /// Parent and child frame of the transform that is the target, on a topic of `tf2_msgs/msg/TFMessage`.
+    pub transform: Option<(String, String)>,
+    /// Width of the band in which a joint counts as resting, in rad.
+    pub rest_rad: f64,
+    /// Whether `effort` is the measured torque in N m.
+    pub effort_nm: bool,
+}
+
+impl Wanted {
+    /// The usual band of a rest, in rad.
+    pub const REST_RAD: f64 = 0.5e-3;
+
+    /// Joint states of these joints, and whatever else is usual.
+    pub fn new(joints: Vec<String>) -> Self {
+        Self {
+            joints,
+            other_joints: Vec::new(),
+            topics: Vec::new(),
+            transform: None,
+            rest_rad: Self::REST_RAD,
+            effort_nm: false,
         }
     }
 }

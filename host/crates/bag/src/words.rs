@@ -6,7 +6,7 @@ use super::error::BagError;
 use super::joints::JointReader;
 use super::rests::{GAP_S, Mixed, NEAR_S, REST_S, Rests, SHORT_S};
 use super::targets::{Targets, Where};
-use super::wanted::Wanted;
+use super::topics::Wanted;
 
 /// Points of one rest may be as far from their mean, in m.
 const MOST_SPREAD_M: f64 = 2e-3;

@@ -13,7 +13,6 @@ mod clock;
 mod inbox;
 mod joint_arm;
 mod machine;
-mod side;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 mod wire;
@@ -22,6 +21,5 @@ mod wire_enum;
 pub use clock::PeriodClock;
 pub use inbox::{Inbox, SocketError, Wait, io_error};
 pub use joint_arm::{JointArm, JointDrive};
-pub use machine::{Datagrams, Listener, Machine, Process, Running, Stream, this_machine};
-pub use side::{Published, Side};
+pub use machine::{Datagrams, Listener, Machine, Process, Published, Running, Side, Stream, this_machine};
 pub use wire::Wire;

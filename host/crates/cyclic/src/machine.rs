@@ -6,8 +6,8 @@
 use std::fmt::Debug;
 use std::io::{ErrorKind, Read, Result, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream, UdpSocket};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Time and network of one side of a wire.
@@ -264,5 +264,68 @@ impl Stream for TcpStream {
     fn close(&self) {
         // The connection may be gone already; there is nobody to tell.
         let _ = self.shutdown(Shutdown::Both);
+    }
+}
+
+/// What the process of a robot side shares with its owner: controls `C` in, statistics `S` out.
+#[derive(Debug)]
+pub struct Published<C, S> {
+    /// What persons and safety functions do.
+    pub controls: C,
+    statistics: Mutex<S>,
+}
+
+impl<C, S: Copy> Published<C, S> {
+    /// Lets the owner see these statistics.
+    pub fn publish(&self, statistics: S) {
+        *self.statistics.lock().unwrap_or_else(PoisonError::into_inner) = statistics;
+    }
+
+    fn statistics(&self) -> S {
+        *self.statistics.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A running robot side. It ends when it is dropped.
+#[derive(Debug)]
+pub struct Side<C, S> {
+    shared: Arc<Published<C, S>>,
+    running: Running,
+}
+
+impl<C: Default, S: Copy + Default> Side<C, S> {
+    /// Starts the process that `make` makes, under this name.
+    ///
+    /// # Errors
+    /// What the system says if no thread can be started.
+    pub fn start<P: Process + 'static>(
+        machine: &dyn Machine,
+        name: &str,
+        make: impl FnOnce(Arc<Published<C, S>>) -> P,
+    ) -> std::io::Result<Self> {
+        let shared = Arc::new(Published {
+            controls: C::default(),
+            statistics: Mutex::new(S::default()),
+        });
+        let running = machine.run(name, Box::new(make(Arc::clone(&shared))))?;
+        Ok(Self { shared, running })
+    }
+}
+
+impl<C, S: Copy> Side<C, S> {
+    /// What persons and safety functions do.
+    pub fn controls(&self) -> &C {
+        &self.shared.controls
+    }
+
+    /// The statistics of the last period.
+    pub fn statistics(&self) -> S {
+        self.shared.statistics()
+    }
+
+    /// Ends the process and waits for it.
+    pub fn shut_down(self) -> S {
+        drop(self.running);
+        self.shared.statistics()
     }
 }

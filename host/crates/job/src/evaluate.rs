@@ -6,7 +6,7 @@ use spherecal_shared::protocol::host::{Contact, Coupled, FaultReport, Recording}
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::accuracy::EarlyEnding;
-use super::link_record::LinkRecord;
+use super::link::LinkRecord;
 use super::{Config, ConfigError, JobError, Link, PreparedRun, Simulator};
 use spherecal_identify::arcs::{Measured, MeasuredArc};
 use spherecal_identify::causes::Course;

@@ -1,4 +1,4 @@
-//! The store as a campaign's journal.
+//! The store as a campaign's journal, and the telemetry of a run in a folder.
 //!
 //! ```text
 //!   events ─▶ whose session is it? ─▶ place in the run ─▶ stored, then acknowledged
@@ -11,12 +11,15 @@
 //! ends as that of an uninterrupted run.
 
 use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::Sender;
 
-use spherecal_shared::protocol::host::{Event, Recording, SessionId};
-
+use spherecal_campaign::telemetry::{RunKey, files_of_run};
 use spherecal_link::{Arrival, Journal, JournalError};
-use spherecal_store::{CalibrationStore, Placed, StoreError};
+use spherecal_shared::protocol::host::{Event, Recording, SessionId};
+use spherecal_store::{CalibrationStore, Placed, RunInfo, StoreError};
+
+use super::Link;
 
 /// The session number reserved for a repeated run.
 pub(super) const REPEATED_SESSION: i64 = 1;
@@ -172,4 +175,26 @@ impl Journal for StoreJournal<'_> {
 /// Converts an error of the store to one of the journal.
 pub fn store_error(error: StoreError) -> JournalError {
     JournalError::store(error)
+}
+
+/// Key of a run in the metadata of its telemetry.
+pub(super) fn run_key(info: &RunInfo) -> RunKey {
+    RunKey {
+        number: info.run,
+        created_utc: info.about.created_utc.clone(),
+    }
+}
+
+/// The telemetry of run `info` in `folder`: its files, in the order in which they were written. One, and one more for
+/// each time it was resumed.
+///
+/// A simulated run that is resumed starts from its beginning, so each of its files repeats the ones
+/// before. Of them only the largest is returned.
+pub fn run_telemetry(folder: &Path, info: &RunInfo) -> Vec<PathBuf> {
+    let files = files_of_run(folder, &run_key(info));
+    if !info.about.link.parse::<Link>().is_ok_and(|link| link.simulated()) {
+        return files;
+    }
+    let size = |path: &PathBuf| std::fs::metadata(path).map_or(0, |m| m.len());
+    files.into_iter().max_by_key(size).into_iter().collect()
 }

@@ -3,15 +3,16 @@
 use std::sync::Arc;
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
-use spherecal_shared::robot::Tool;
-
-use super::prepared::{PreparedRun, Simulator};
-use super::waypoints::TaughtWaypoints;
-use super::{Choice, Config, ConfigError, JobError, Measurements, magnet};
 use spherecal_model::chain::Chain;
 use spherecal_model::robots::{self, RobotModel};
 use spherecal_model::{NominalCell, Placement};
-use spherecal_plan::{self as plan, Plan, PlanError, PlatePose};
+use spherecal_plan::{self as plan, Plan, PlanError, PlatePose, Visit};
+use spherecal_shared::procedure::Decouple;
+use spherecal_shared::robot::{Arm, Dynamics, Robot, Tool};
+
+use super::prepared::{PreparedRun, Simulator};
+use super::waypoints::TaughtWaypoints;
+use super::{Choice, Config, ConfigError, JobError, Measurements};
 
 /// Checks the configuration, loads the robot, makes the plan, and adds the error of the taught
 /// waypoints.
@@ -76,7 +77,7 @@ fn planned(config: &Config) -> Result<(Known, Plan), JobError> {
     if plan.recorded() == 0 {
         return Err(JobError::NoPose { planned: plan.planned });
     }
-    magnet::check(&known.model.robot, &known.tool, &plan, &config.procedure.decouple)?;
+    check(&known.model.robot, &known.tool, &plan, &config.procedure.decouple)?;
     Ok((known, plan))
 }
 
@@ -196,6 +197,52 @@ fn plate_poses(cell: &NominalCell) -> Vec<PlatePose> {
         }
     };
     cell.placements.iter().map(pose).collect()
+}
+
+/// How many times its torque limit a joint may need by this estimate. A nest tilts as it leaves, so the magnet holds with less: an FR3
+/// that needed 1.01 times the limit of joint 2 left 79 N at every visit of three runs, and with 1.3 times it did not leave 120 N.
+const MOST: f64 = 1.1;
+
+/// Checks that joints can pull the magnet off against gravity, at the last pose of each visit. Of an arm that no controller
+/// drives nothing is checked.
+/// Errors: [`JobError::Magnet`].
+pub(super) fn check(robot: &Robot, tool: &Tool, plan: &Plan, decouple: &Decouple) -> Result<(), JobError> {
+    for visit in &plan.spheres {
+        match robot.dof() {
+            6 => leaves::<6>(robot, tool, visit, decouple)?,
+            7 => leaves::<7>(robot, tool, visit, decouple)?,
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+fn leaves<const N: usize>(robot: &Robot, tool: &Tool, visit: &Visit, decouple: &Decouple) -> Result<(), JobError> {
+    let last = visit
+        .poses
+        .last()
+        .and_then(|pose| pose.joints.as_slice().try_into().ok());
+    // Robot and tool were checked as the plan was made.
+    let (Some(q), Ok(arm)): (Option<[f64; N]>, _) = (last, Arm::<f64, N>::new(robot, tool)) else {
+        return Ok(());
+    };
+    let frames = arm.frames(&q);
+    let jacobian = arm.jacobian(&frames, &arm.tcp_frame(&frames).position);
+    let magnet = Vector3::from(visit.approach_direction) * decouple.magnet_n;
+    let torque = arm.bodies(&frames).gravity() - jacobian.fixed_rows::<3>(0).transpose() * magnet;
+    for (i, joint) in robot.joints.iter().enumerate().take(N) {
+        let (needed_nm, limit_nm) = (torque[i].abs(), joint.limits.torque_nm);
+        if needed_nm > MOST * limit_nm {
+            return Err(JobError::Magnet {
+                magnet_n: decouple.magnet_n,
+                sphere: visit.sphere_id,
+                joint: i + 1,
+                needed_nm,
+                limit_nm,
+            });
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -1,13 +1,17 @@
-//! Teaching as a stage of the job: an operator guides the arm, and the waypoints are kept.
+//! A person at the arm: teaching as a stage of the job (an operator guides the arm, and the waypoints are kept), and the arm on
+//! a spring.
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use super::connect::{controller, distant};
+use spherecal_campaign::{
+    self as campaign, Assignment, CampaignError, CampaignObserver, ManualControl, Operator, operate,
+};
+use spherecal_link::{Device, LocalDevice};
+
+use super::connect::{controller, distant, reliable};
 use super::waypoints::{TaughtWaypoint, TaughtWaypoints};
 use super::{JobError, Link, PreparedRun};
-use spherecal_campaign::{self as campaign, Assignment, CampaignObserver, Operator};
-use spherecal_link::{Device, LocalDevice};
 
 /// Has the arm led over every sphere: by a simulated hand if the arm is simulated in this process,
 /// else by `person`.
@@ -56,4 +60,34 @@ pub fn teach(
             })
             .collect(),
     })
+}
+
+/// Control periods between two samples. Eight come together: more than ten times a second.
+const SAMPLE_TICKS: u32 = 10;
+
+/// Connects to the arm, configures the controller, and lets `work` hold the arm. In every case the arm is told to stop
+/// at the end; then it holds where it is.
+///
+/// # Errors
+/// Any error of the link or of `work`.
+pub fn impedance(
+    prepared: &PreparedRun,
+    link: &Link,
+    folder: &Path,
+    observer: &mut dyn CampaignObserver,
+    interrupt: &AtomicBool,
+    work: impl FnOnce(&mut ManualControl<'_>) -> Result<(), CampaignError>,
+) -> Result<(), JobError> {
+    let mut device = reliable(prepared, link, folder)?;
+    let mut procedure = prepared.config.procedure;
+    procedure.telemetry.other_ticks = SAMPLE_TICKS;
+    Ok(operate(
+        device.as_mut(),
+        &prepared.robot,
+        &prepared.tool,
+        &procedure,
+        observer,
+        interrupt,
+        work,
+    )?)
 }

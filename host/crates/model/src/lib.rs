@@ -12,7 +12,6 @@ mod cell;
 pub mod chain;
 mod data;
 mod encoding;
-mod error;
 mod file;
 pub mod halton;
 pub mod input;
@@ -25,9 +24,8 @@ mod workspace;
 
 pub use cell::{CalibrationPlate, CellError, MAX_SPHERES, NominalCell, Placement, Sphere};
 pub use chain::{Chain, ChainError, TcpPose};
-pub use data::{ContactTrace, Experiment, LaserShot, Observation, Set, Target, TrackerSession, paper_plate};
+pub use data::{ContactTrace, DataError, Experiment, LaserShot, Observation, Set, Target, TrackerSession, paper_plate};
 pub use encoding::EncodingError;
-pub use error::DataError;
 pub use file::{FileError, open_regular, read_text};
 pub use new_file::{NewFile, write_file};
 pub use printable::{excerpt, name_of, printable, printable_lines};

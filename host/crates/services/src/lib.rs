@@ -25,8 +25,6 @@ pub mod grpc;
 mod guard;
 mod listen;
 pub mod live;
-mod offer;
-mod open_connection;
 mod responses;
 #[cfg(feature = "grpc")]
 mod serve;
@@ -39,7 +37,7 @@ use spherecal_store::CalibrationStore;
 
 pub use error::ServiceError;
 pub use guard::{Guard, GuardFiles};
-pub use offer::Offer;
+pub use serve::Offer;
 pub use server::Server;
 
 /// A store that several requests work with, one at a time.

@@ -23,7 +23,6 @@ mod lossy;
 pub mod plant;
 mod robot_side;
 mod simulated;
-mod tracker;
 mod ur_arm;
 pub mod worlds;
 
@@ -31,6 +30,5 @@ pub use guided::GuidedArm;
 pub use hand_guided::{OperatorCall, hand_guided_arm};
 pub use lossy::{InjectedCounter, LossyDevice, LossyLink};
 pub use robot_side::RobotArm;
-pub use simulated::{Disturb, SimulatedArm, SimulatedArmError, simulated_arm};
-pub use tracker::SimulatedTracker;
+pub use simulated::{Disturb, SimulatedArm, SimulatedArmError, SimulatedTracker, simulated_arm};
 pub use ur_arm::{UrArm, with_ur_motors};

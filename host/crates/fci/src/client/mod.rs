@@ -23,15 +23,13 @@
 
 mod config;
 mod error;
-mod limits;
 mod link;
 mod motion;
 mod read_only;
 mod tcp;
 
-pub use config::ClientConfig;
+pub use config::{ClientConfig, TorqueLimits};
 pub use error::{ClientError, EndCause, MotionEnd};
-pub use limits::TorqueLimits;
 pub use link::LinkStatistics;
 pub use motion::{Client, Cycle};
 pub use read_only::{ReadOnlyClient, Reading};

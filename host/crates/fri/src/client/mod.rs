@@ -27,14 +27,12 @@ mod config;
 mod error;
 mod link;
 mod overlay;
-mod read_only;
 mod sign;
 mod velocity;
 
 pub use config::{ClientConfig, TorqueLimits};
 pub use error::{ClientError, CommandingEnd, EndCause};
-pub use link::{LinkStatistics, MonitoredState};
+pub use link::{LinkStatistics, MonitoredState, ReadOnlyClient};
 pub use overlay::{Client, Cycle};
-pub use read_only::ReadOnlyClient;
 pub use sign::{MeasuredSign, measured_sign};
 pub use velocity::VelocityFilter;

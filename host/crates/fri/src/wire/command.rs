@@ -1,6 +1,6 @@
 //! The client's answer to a monitoring message.
 
-use super::end::{self, EndOfMessage};
+use super::framing::{END_FIELD, EndOfMessage};
 use super::protobuf::{FieldReader, FieldWriter};
 use super::{MAX_MESSAGE_SIZE, WireError};
 use crate::JOINTS;
@@ -52,7 +52,7 @@ impl CommandMessage {
                         }
                     }
                 }
-                end::FIELD => {
+                END_FIELD => {
                     let before = bytes.get(..before).unwrap_or_default();
                     message.end = Some(EndOfMessage::decode(value.bytes("endOfMessageData")?, before)?);
                 }

@@ -12,18 +12,16 @@
 //! not finite is refused.
 
 mod command;
-mod end;
 mod enums;
 mod framing;
 mod monitoring;
 mod protobuf;
 
 pub use command::CommandMessage;
-pub use end::{Checksum, EndOfMessage};
 pub use enums::{
     ClientCommandMode, ControlMode, DriveState, OperationMode, OverlayType, Quality, SafetyState, SessionState,
 };
-pub use framing::{Framing, MAX_DATAGRAM_SIZE};
+pub use framing::{Checksum, EndOfMessage, Framing, MAX_DATAGRAM_SIZE};
 pub use monitoring::{ConnectionInfo, IpoData, MonitoringMessage, RobotInfo, Timestamp};
 
 /// The largest message, bytes.

@@ -1,7 +1,7 @@
 //! What the cabinet sends each period.
 
 use super::command::MessageHeader;
-use super::end::{self, EndOfMessage};
+use super::framing::{END_FIELD, EndOfMessage};
 use super::protobuf::{FieldReader, FieldValue, FieldWriter};
 use super::{
     ClientCommandMode, ControlMode, DriveState, MAX_MESSAGE_SIZE, OperationMode, OverlayType, Quality, SafetyState,
@@ -123,7 +123,7 @@ impl MonitoringMessage {
                 3 => data = MonitorData::decode(value.bytes("monitorData")?)?,
                 4 => connection = Some(connection_info(value.bytes("connectionInfo")?)?),
                 5 => ipo = Some(ipo_data(value.bytes("ipoData")?)?),
-                end::FIELD => {
+                END_FIELD => {
                     let before = bytes.get(..before).unwrap_or_default();
                     end = Some(EndOfMessage::decode(value.bytes("endOfMessageData")?, before)?);
                 }

@@ -18,7 +18,6 @@
 mod drive;
 mod event;
 mod franka;
-mod franka_setup;
 mod histogram;
 mod kuka;
 mod monitor;
@@ -30,8 +29,7 @@ use spherecal_shared::Joints;
 
 pub use drive::InterfaceDrive;
 pub use event::DriveEvent;
-pub use franka::FrankaDrive;
-pub use franka_setup::{FrankaOptions, collision_behavior};
+pub use franka::{FrankaDrive, FrankaOptions, collision_behavior};
 pub use histogram::Histogram;
 pub use kuka::{KukaDrive, KukaError, KukaOptions};
 pub use monitor::{DriveRecord, Monitor};

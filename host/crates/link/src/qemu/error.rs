@@ -4,8 +4,6 @@ use std::path::PathBuf;
 
 use spherecal_shared::protocol::lockstep::MAX_HOST;
 
-use super::names::{IMAGE_VARIABLE, PROGRAM};
-
 /// Why the controller in QEMU cannot be used, or stopped.
 #[derive(Debug, thiserror::Error)]
 pub enum QemuError {
@@ -90,3 +88,8 @@ pub(super) fn meaning(code: Option<i32>) -> &'static str {
         _ => "no exit code of the image",
     }
 }
+
+/// QEMU's program.
+pub const PROGRAM: &str = "qemu-system-arm";
+/// Environment variable that names an image.
+pub const IMAGE_VARIABLE: &str = "SPHERECAL_QEMU_IMAGE";

@@ -4,7 +4,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use super::QemuError;
-use super::names::{IMAGE_VARIABLE, PROGRAM};
+use super::error::{IMAGE_VARIABLE, PROGRAM};
 
 /// Where `scripts/cross.sh build` puts the image, below the workspace.
 const BUILT: &str = "target/boards/thumbv7em-none-eabihf/release/mps2-an500";

@@ -11,7 +11,6 @@
 mod error;
 mod image;
 pub mod log;
-mod names;
 mod watchdog;
 
 use std::fs::File;
@@ -24,9 +23,8 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState};
 use spherecal_shared::protocol::frame::{self, MAX_FRAME, Message};
 use spherecal_shared::protocol::lockstep::{Down, MAX_HOST, UP_HEADER, Up};
 
-pub use error::QemuError;
+pub use error::{IMAGE_VARIABLE, PROGRAM, QemuError};
 pub use image::{find_image, find_qemu};
-pub use names::{IMAGE_VARIABLE, PROGRAM};
 
 use error::meaning;
 use watchdog::Watchdog;

@@ -4,7 +4,8 @@
 //! Code that needs the nominal kinematics on slices uses [`Chain`]: the planner, the laser
 //! tracker's plan and arcs, the campaign's retreat.
 
-mod error;
+use spherecal_shared::robot::RobotError;
+
 mod ik;
 
 use nalgebra::{Matrix3, Matrix6xX, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
@@ -13,7 +14,6 @@ use spherecal_shared::robot::kinematics::frames_into;
 use spherecal_shared::robot::{JointLimits, LinkTransform, MdhRow, Pose, Robot, Tool};
 use spherecal_shared::{MAX_CHAIN, MAX_JOINTS};
 
-pub use error::ChainError;
 pub use ik::IK_TOLERANCE;
 
 /// Room for `MOST` joints: for arms that controllers drive, and for longer chains.
@@ -272,4 +272,18 @@ pub fn rotation_vector(r: &Rotation3<f64>) -> Vector3<f64> {
 /// where the arc cosine of the trace is not).
 pub fn turn_between(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
     rotation_vector(&(b * a.inverse())).norm()
+}
+
+/// A robot or tool that kinematics cannot be computed with.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ChainError {
+    /// The robot's or the tool's description was refused.
+    #[error(transparent)]
+    Robot(#[from] RobotError),
+    /// An arm that cannot take up any orientation at a point.
+    #[error("the robot has {found} joints: turning about a sphere takes at least 6")]
+    TooFewJoints {
+        /// Joints of the description.
+        found: usize,
+    },
 }

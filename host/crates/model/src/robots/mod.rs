@@ -27,7 +27,6 @@ mod path;
 mod standard_dh;
 pub mod toml_file;
 mod toml_text;
-mod ur_conf;
 mod ur_parameters;
 pub mod urdf;
 mod urdf_in;
@@ -173,7 +172,7 @@ pub fn load_path(spec: &str) -> Result<RobotModel, RobotFileError> {
     match extension.as_str() {
         "toml" => toml_file::load(path, &text),
         "yaml" | "yml" => kinematics_yaml::load(path, &text),
-        "conf" => ur_conf::load(path, &text, tip),
+        "conf" => ur_parameters::load(path, &text, tip),
         _ => urdf_in::load_path(path, &text, tip, srdf_beside(path)?.as_ref()),
     }
 }

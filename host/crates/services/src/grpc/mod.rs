@@ -20,7 +20,6 @@
 mod certificate;
 mod convert;
 mod device;
-mod facts;
 mod live;
 mod operate;
 mod peer;
@@ -30,8 +29,8 @@ mod store_server;
 mod tracker;
 
 pub use device::RemoteRobot;
-pub use facts::{DeviceFactory, RobotFacts};
 pub use live::Publisher;
+pub use operate::{DeviceFactory, RobotFacts};
 pub use store_client::RemoteStore;
 pub use tracker::{RemoteTracker, TrackerFactory};
 

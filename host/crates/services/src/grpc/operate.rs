@@ -1,16 +1,19 @@
 //! `RobotController.Operate`: carries out a client's orders one after the other, on the same kind
-//! of session that a campaign uses.
+//! of session that a campaign uses; and what a server knows of its robot.
 
 use std::sync::atomic::AtomicBool;
 
+use spherecal_campaign::{self as campaign, Answer, CampaignError, CampaignObserver};
+use spherecal_link::{Arrival, Device, LinkError};
 use spherecal_shared::Joints;
-use spherecal_shared::protocol::host::{ApproachCommand, Event, PoseCommand};
+use spherecal_shared::procedure::Procedure;
+use spherecal_shared::protocol::host::{ApproachCommand, Event, PoseCommand, Sample};
+use spherecal_shared::robot::{Robot, Tool};
+use tokio::sync::watch;
 
 use super::convert;
-use super::facts::{Newest, RobotFacts};
-use super::proto::{self, Outcome, order::Command};
-use spherecal_campaign::{self as campaign, Answer, CampaignError, CampaignObserver};
-use spherecal_link::{Arrival, Device};
+use super::proto::order::Command;
+use super::proto::{self, Outcome};
 
 /// A client's reply to the request for its next order.
 pub(super) enum NextOrder {
@@ -129,3 +132,22 @@ fn three(field: &str, values: &[f64]) -> Result<[f64; 3], convert::Malformed> {
         .try_into()
         .map_err(|_| format!("{field} has {} numbers, not 3", values.len()))
 }
+
+/// Makes the robot, at the first client.
+pub type DeviceFactory = Box<dyn Fn() -> Result<Box<dyn Device>, LinkError> + Send + Sync>;
+
+/// What is known of the robot without asking it.
+#[derive(Clone, Debug)]
+pub struct RobotFacts {
+    /// Nominal robot.
+    pub robot: Robot,
+    /// Nominal tool.
+    pub tool: Tool,
+    /// Procedure for clients that give orders.
+    pub procedure: Procedure,
+    /// Home frame, in rad.
+    pub home: Vec<f64>,
+}
+
+/// Holds the newest telemetry for observers.
+pub(super) type Newest = watch::Sender<Option<Sample>>;

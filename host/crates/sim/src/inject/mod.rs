@@ -18,10 +18,8 @@
 
 mod fault;
 mod faulty_cell;
-mod faulty_drive;
 mod faulty_states;
 mod host_faults;
-mod host_killed;
 mod listener;
 mod plan;
 mod presets;
@@ -29,8 +27,7 @@ mod scheduler;
 
 pub use fault::{InjectedFault, NotReadyStatus};
 pub use faulty_cell::{FaultyCell, FaultyCellError, Happened, Restart};
-pub use faulty_drive::FaultyDrive;
-pub use host_faults::{FileLock, HostFaultJournal, HostFaults};
-pub use host_killed::HostKilled;
+pub use host_faults::{FileLock, HostFaultJournal, HostFaults, HostKilled};
 pub use plan::{FaultPlan, InjectError, PlannedFault, When};
 pub use presets::{PRESETS, Preset, preset, table};
+pub use scheduler::FaultyDrive;

@@ -2,10 +2,13 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use spherecal_link::Drive;
 use spherecal_shared::protocol::host::Phase;
 
 use super::fault::InjectedFault;
 use super::plan::{FaultPlan, PlannedFault, When};
+use crate::plant::Disturbance;
+use crate::simulated::Disturb;
 
 /// What the scheduler keeps of one entry.
 #[derive(Clone, Copy, Debug)]
@@ -92,6 +95,37 @@ impl Scheduler {
                 row.until = Some(tick.saturating_add(ticks(row.entry.duration_s(), self.period_s).max(1)));
                 change(row.entry.what, true);
             }
+        }
+    }
+}
+
+/// The drive of a [`FaultyCell`](super::FaultyCell).
+pub enum FaultyDrive {
+    /// The simulated arm, which can suffer every fault.
+    Simulated(Box<dyn Disturb>),
+    /// Any other drive: faults can only be injected between it and the controller.
+    Other(Box<dyn Drive>),
+}
+
+impl FaultyDrive {
+    pub(super) fn drive(&self) -> &dyn Drive {
+        match self {
+            Self::Simulated(arm) => arm.as_ref(),
+            Self::Other(drive) => drive.as_ref(),
+        }
+    }
+
+    pub(super) fn drive_mut(&mut self) -> &mut dyn Drive {
+        match self {
+            Self::Simulated(arm) => arm.as_mut(),
+            Self::Other(drive) => drive.as_mut(),
+        }
+    }
+
+    pub(super) fn disturb(&mut self, what: &Disturbance) {
+        // A plan with faults of the arm itself is refused if the arm is not simulated.
+        if let Self::Simulated(arm) = self {
+            arm.disturb(what);
         }
     }
 }

@@ -7,7 +7,6 @@
 //! [`ask_dashboard`] ends a protective stop.
 
 mod channel;
-mod config;
 mod dashboard;
 mod error;
 mod read_only;
@@ -15,7 +14,7 @@ mod rtde;
 mod state;
 mod torque;
 
-pub use config::ClientConfig;
+pub use channel::ClientConfig;
 pub use dashboard::{DashboardCommand, ask_dashboard, read_kinematics};
 pub use error::{ClientError, ProgramEnd, Unready};
 pub use read_only::ReadOnlyClient;

@@ -219,7 +219,7 @@ calibration_status = 2 # 0 == notInitialized / 1 == notLinearised / 2 == Lineari
 // Fails if the calibration of a real arm does not correct its lengths by some mm, or passes for that of another type.
 #[test]
 fn a_published_calibration_is_that_of_its_arm() {
-    let model = ur_conf::load("c.conf", OF_A_UR10E, Some("ur10e")).unwrap();
+    let model = ur_parameters::load("c.conf", OF_A_UR10E, Some("ur10e")).unwrap();
     let nominal = built_in("ur10e").unwrap();
     let (a, b): (Vec<f64>, Vec<f64>) = (
         model.rows().iter().map(|r| r.a).collect(),
@@ -227,7 +227,7 @@ fn a_published_calibration_is_that_of_its_arm() {
     );
     let most = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!((1e-4..3e-3).contains(&most), "{most}");
-    let error = ur_conf::load("c.conf", OF_A_UR10E, Some("ur5e"))
+    let error = ur_parameters::load("c.conf", OF_A_UR10E, Some("ur5e"))
         .unwrap_err()
         .to_string();
     assert!(error.contains("another arm than ur5e"), "{error}");
