@@ -25,6 +25,7 @@ pub mod grpc;
 mod guard;
 mod listen;
 pub mod live;
+mod offer;
 mod responses;
 #[cfg(feature = "grpc")]
 mod serve;
@@ -37,7 +38,7 @@ use spherecal_store::CalibrationStore;
 
 pub use error::ServiceError;
 pub use guard::{Guard, GuardFiles};
-pub use serve::Offer;
+pub use offer::Offer;
 pub use server::Server;
 
 /// A store that several requests work with, one at a time.

@@ -1,4 +1,4 @@
-//! The services and the page on one port, and what is offered there.
+//! The services and the page on one port.
 
 use std::sync::Arc;
 
@@ -6,25 +6,21 @@ use axum::extract::Request;
 use axum::http::{StatusCode, Version};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse as _, Response};
-use spherecal_budget::services::{HEADER_BYTES, LIVE_BYTES, MESSAGE_BYTES, SILENCE, STREAMS, TURN_BYTES, WINDOW_BYTES};
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tonic::service::{InterceptorLayer, Routes, RoutesBuilder};
 use tonic::transport::{Identity, ServerTlsConfig};
 
-use super::SharedStore;
-use super::web::Page;
 use crate::grpc::proto::calibration_store_server::CalibrationStoreServer;
 use crate::grpc::proto::laser_tracker_server::LaserTrackerServer;
 use crate::grpc::proto::live_view_server::LiveViewServer;
 use crate::grpc::proto::robot_controller_server::RobotControllerServer;
 use crate::grpc::{DESCRIPTORS, LiveService, RobotService, StoreService, TrackerService};
 use crate::listen::{self, Listener};
+use crate::offer::Offer;
 use crate::{Guard, ServiceError, web};
-
-#[cfg(feature = "grpc")]
-use super::grpc::{DeviceFactory, RobotFacts, TrackerFactory};
+use spherecal_budget::services::{HEADER_BYTES, LIVE_BYTES, MESSAGE_BYTES, SILENCE, STREAMS, TURN_BYTES, WINDOW_BYTES};
 
 /// Serves what is offered until it is stopped.
 pub(crate) async fn serve(
@@ -125,33 +121,5 @@ async fn no_browser(request: Request, next: Next) -> Response {
         next.run(request).await
     } else {
         StatusCode::NOT_FOUND.into_response()
-    }
-}
-
-/// What a server offers. Requests for anything left out get UNIMPLEMENTED.
-#[derive(Default)]
-pub struct Offer {
-    /// A robot, and what makes it at the first client.
-    #[cfg(feature = "grpc")]
-    pub robot: Option<(RobotFacts, DeviceFactory)>,
-    /// Creates a laser tracker for each client; and the standard deviation of its coordinates, in
-    /// m.
-    #[cfg(feature = "grpc")]
-    pub tracker: Option<(TrackerFactory, f64)>,
-    /// The database.
-    #[cfg(feature = "grpc")]
-    pub store: Option<SharedStore>,
-    /// The web page, and whether runs of other programs are shown on it.
-    pub page: Option<(Page, bool)>,
-}
-
-impl Offer {
-    /// The stores that are offered or shown.
-    pub(crate) fn stores(&self) -> Vec<SharedStore> {
-        #[allow(unused_mut, reason = "more with the feature")]
-        let mut stores: Vec<SharedStore> = self.page.iter().filter_map(|(page, _)| page.store.clone()).collect();
-        #[cfg(feature = "grpc")]
-        stores.extend(self.store.clone());
-        stores
     }
 }

@@ -13,7 +13,7 @@ use super::guard::listen_address;
 use super::listen::Listener;
 use super::listen::bound;
 use super::live::{Hub, ViewerMessage, WAITING};
-use super::serve::Offer;
+use super::offer::Offer;
 use super::{Guard, GuardFiles, ServiceError, SharedStore};
 
 /// How long open connections may take to end.
