@@ -7,14 +7,12 @@
 
 mod check;
 mod contact;
-mod limits;
 
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-pub use check::ProcedureError;
+pub use check::{Limits, ProcedureError};
 pub use contact::{Approach, Couple, Decouple, Record, Seating, Turn};
-pub use limits::Limits;
 
 /// Largest translational stiffness that the control law accepts, in N/m (KUKA's range).
 pub const MAX_STIFFNESS_N_M: f64 = 5000.0;

@@ -9,11 +9,9 @@ use spherecal_model::{WorkBox, read_text, read_toml};
 use super::args::{BadValue, StoredArgs};
 use super::bag::{BagArgs, BagTables};
 use super::exit::{CliError, Exit};
-use super::explain;
 use super::out::{errln, outln};
 use super::stages;
-use super::study::StudyProgress;
-use super::study::{identified, refuse, write_study};
+use super::study::{StudyProgress, explained, identified, refuse, write_study};
 use super::table::{Joints, TableArgs, put_right};
 use spherecal_identify::study::{Sources, StudyError, StudyRequest, StudyStep, TableSource, anonymous_csv, sources};
 use spherecal_identify::{Method, Model, Options};
@@ -256,7 +254,7 @@ fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
 
 /// `spherecal identify --explain`
 fn say_what_is_wrong(request: &StudyRequest, sources: Sources<'_>) -> Result<Exit, CliError> {
-    let found = explain::explained(request, sources).map_err(CliError::input)?;
+    let found = explained(request, sources).map_err(CliError::input)?;
     if !found.own_m.is_finite() {
         outln!("the table has too few rows to search for what is wrong: ten are needed");
     } else if found.found.is_empty() && !found.readout {

@@ -14,12 +14,10 @@ mod check;
 mod collect;
 mod command;
 mod commission;
-mod conform;
 mod doctor;
 mod doctor_realtime;
 mod document;
 mod exit;
-mod explain;
 mod export;
 mod features;
 mod history;
@@ -170,7 +168,7 @@ fn execute(cli: Cli) -> Result<Exit, CliError> {
         Some(CliCommand::History(args)) => history::history(&args),
         Some(CliCommand::Trend(args)) => history::trend(&args),
         Some(CliCommand::Config(args)) => stages::config(&args),
-        Some(CliCommand::Conform(args)) => Ok(conform::run(&args)),
+        Some(CliCommand::Conform(args)) => Ok(servers::run(&args)),
         Some(CliCommand::Doctor(args)) => doctor::run(&args),
         Some(CliCommand::Completions(args)) => shell::completions(&args, Cli::command()),
         Some(CliCommand::Man(args)) => shell::man(&args, Cli::command()),

@@ -24,18 +24,16 @@ use crate::Joints;
 use crate::procedure::Procedure;
 use crate::robot::{DrivenRobot, Tool};
 
-mod cost;
 mod event;
 mod impedance;
 mod timing;
 
-pub use cost::{Cost, CycleCost, STAGES, Stage};
 pub use event::{
     Banner, Contact, Coupled, Event, Fault, FaultReport, MAX_BATCH, Phase, PhaseChange, Recording, Refusal, Sample,
     SignalStatistics, Statistics,
 };
 pub use impedance::{ImpedanceCommand, OutOfRange};
-pub use timing::{LoopTiming, OCTAVES, Octaves};
+pub use timing::{Cost, CycleCost, LoopTiming, OCTAVES, Octaves, STAGES, Stage};
 
 super::frame::message!(Downlink, "host/down");
 super::frame::message!(Uplink, "host/up");

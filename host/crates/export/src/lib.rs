@@ -21,7 +21,6 @@
 //!
 //! [`export_ros2`] writes the telemetry as a ROS 2 bag instead.
 
-mod about;
 mod file;
 #[cfg(feature = "parquet")]
 mod parquet_file;
@@ -116,7 +115,7 @@ pub fn export(
     std::fs::create_dir_all(folder).map_err(ExportError::unwritten(folder))?;
     let tables = tables::of_run(store, info.run)?;
     let mut exported = Exported {
-        removed: about::begin(folder, info, tables.iter().map(|table| table.name))?,
+        removed: file::begin(folder, info, tables.iter().map(|table| table.name))?,
         ..Exported::default()
     };
     for table in tables {

@@ -27,7 +27,6 @@
 mod attended;
 mod cell;
 mod endpoint;
-mod fault;
 mod journal;
 mod keep_alive;
 mod lossy;
@@ -44,8 +43,7 @@ use spherecal_shared::protocol::host::{LoopTiming, Refusal};
 pub use attended::Attended;
 pub use cell::{InProcess, LocalDevice, check_drive, check_hello, controller_in_process};
 pub use endpoint::{Arrival, HostEndpoint, Timing};
-pub use fault::fault_name;
-pub use journal::{Journal, JournalError};
+pub use journal::{Journal, JournalError, fault_name};
 pub use keep_alive::KeepAlives;
 pub use lossy::{Injected, Lossy, LossyError};
 pub use serial::Serial;

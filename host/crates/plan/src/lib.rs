@@ -38,7 +38,6 @@ mod place;
 mod retreat;
 mod scene;
 mod start;
-mod teach;
 #[cfg(test)]
 mod test_support;
 mod times;
@@ -61,6 +60,5 @@ pub use path::{CollisionObject, Obstacle, Rules};
 pub use place::suggest;
 pub use scene::Scene;
 pub use start::home;
-pub use teach::teach;
-pub use times::robot_time;
+pub use times::{robot_time, teach};
 pub use types::{Accuracy, Plan, PlannedPose, Rejection, Visit, Waypoint};

@@ -12,7 +12,6 @@
 
 mod figure;
 mod moving;
-mod punctuality;
 mod read_only;
 #[cfg(test)]
 mod tests;

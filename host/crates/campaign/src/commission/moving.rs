@@ -8,7 +8,7 @@ use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{ApproachCommand, Command, FaultReport, Phase};
 use spherecal_shared::robot::JointLimits;
 
-use super::punctuality::{late, punctuality};
+use super::figure::{late, punctuality};
 use super::watch::{CALM, MovingLimits, SLOW, SOFT, WatchedSamples, aside, gentle};
 use super::{Attendant, CommissioningStep, Figure, StepEnd, StepReport};
 use crate::observe::{CampaignObserver, CampaignStage};

@@ -10,7 +10,6 @@
 //! way slowly. That does not harm a recording, because the means of the joints belong together. The
 //! TCP comes from a model of the robot, nominal or estimated, never from the plant.
 
-mod jump;
 mod measure;
 mod report;
 
@@ -23,8 +22,7 @@ use spherecal_campaign::{CampaignObserver, Progress};
 use spherecal_link::Arrival;
 use spherecal_model::chain::Chain;
 
-pub use jump::Jump;
-pub use measure::hold;
+pub use measure::{Jump, hold};
 pub use report::holds_report;
 
 /// Parts of a window from which the noise of its mean is estimated.
@@ -314,7 +312,7 @@ pub fn analyse(hold: &Hold, chain: &Chain, window_s: f64) -> Result<Held, TooSho
         .map(|w| w.iter().sum::<Vector3<f64>>() / PARTS as f64)
         .collect();
     Ok(Held {
-        jump: jump::jump(&means, &time_s, tcp_um.noise),
+        jump: measure::jump(&means, &time_s, tcp_um.noise),
         sphere: hold.sphere,
         pose: hold.pose,
         windows: time_s.len(),

@@ -23,19 +23,17 @@ mod kuka;
 mod monitor;
 mod ur;
 mod ur_start;
-mod wake_ups;
 
 use spherecal_shared::Joints;
 
 pub use drive::InterfaceDrive;
 pub use event::DriveEvent;
 pub use franka::{FrankaDrive, FrankaOptions, collision_behavior};
-pub use histogram::Histogram;
+pub use histogram::{Histogram, WakeUps};
 pub use kuka::{KukaDrive, KukaError, KukaOptions};
 pub use monitor::{DriveRecord, Monitor};
 pub use ur::UrDrive;
 pub use ur_start::{UrError, UrOptions};
-pub use wake_ups::WakeUps;
 
 /// Makes the calling thread a real-time thread, as far as the system permits, and reports how it went. For the thread
 /// that steps a drive with this monitor; call it once, before the loop.

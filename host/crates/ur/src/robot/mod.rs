@@ -7,15 +7,12 @@
 //! The primary interface sends the robot's calibration after a connection; the dashboard knows the lines that end a
 //! protective stop.
 
-mod arm;
 mod controls;
 mod outputs;
 mod ports;
 mod programs;
 mod registers;
 mod server;
-mod session;
 
-pub use arm::{ArmCommand, ArmHardware, ArmState};
-pub use controls::{Controls, RobotConfig, RobotStatistics};
+pub use controls::{ArmCommand, ArmHardware, ArmState, Controls, RobotConfig, RobotStatistics};
 pub use server::RobotSide;

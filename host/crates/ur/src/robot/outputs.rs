@@ -1,6 +1,6 @@
 //! What the robot side says in its outputs.
 
-use super::arm::ArmState;
+use super::controls::ArmState;
 use super::registers::Registers;
 use crate::JOINTS;
 use crate::wire::{FieldType, KinematicsInfo, RobotMode, RuntimeState, SafetyMode, Series, Value, output_type};

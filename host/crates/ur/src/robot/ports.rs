@@ -2,14 +2,15 @@
 
 use std::io::ErrorKind;
 use std::net::SocketAddr;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use spherecal_cyclic::{Listener, Machine, Wire};
+use spherecal_budget::robot::{CLIENTS, SCRIPT_BYTES};
+use spherecal_cyclic::{Listener, Machine, Stream, Wire};
 
 use super::controls::Controls;
-use crate::wire::{RobotMode, RuntimeState, SafetyMode, words};
+use crate::wire::{Answer, FieldType, Recipe, RobotMode, RuntimeState, SafetyMode, words};
 use crate::{DASHBOARD_BELOW_RTDE, PRIMARY_BELOW_RTDE};
-use spherecal_budget::robot::{CLIENTS, SCRIPT_BYTES};
 
 /// Groups of free ports that are tried.
 const TRIALS: usize = 64;
@@ -163,5 +164,39 @@ fn answer(line: &str, controls: &Controls, stopped_s: f64) -> String {
         "get serial number" => "00000000000".to_owned(),
         "quit" => "Disconnected".to_owned(),
         other => format!("could not understand: '{other}'"),
+    }
+}
+
+pub(super) struct Wanted {
+    pub(super) fields: Vec<(String, FieldType)>,
+    /// Periods between two data packages.
+    pub(super) every: u64,
+}
+
+/// A client of RTDE.
+pub(super) struct Session {
+    pub(super) number: u64,
+    pub(super) wire: Wire,
+    /// Protocol 2 is agreed.
+    pub(super) agreed: bool,
+    pub(super) outputs: Option<Wanted>,
+    pub(super) inputs: Vec<Arc<Recipe>>,
+    pub(super) started: bool,
+}
+
+impl Session {
+    pub(super) fn new(number: u64, stream: Box<dyn Stream>) -> Self {
+        Self {
+            number,
+            wire: Wire::new(stream),
+            agreed: false,
+            outputs: None,
+            inputs: Vec::new(),
+            started: false,
+        }
+    }
+
+    pub(super) fn answer(&mut self, answer: &Answer) {
+        self.wire.send(&answer.encode());
     }
 }

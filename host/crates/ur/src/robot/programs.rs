@@ -1,6 +1,6 @@
 //! The programs that this robot side runs, each known by its text. It interprets no script.
 
-use super::arm::ArmCommand;
+use super::controls::ArmCommand;
 use super::registers::Registers;
 use crate::JOINTS;
 use crate::wire::{ACKNOWLEDGED, INPUTS, Load, Order, PATIENCE_STEPS, PROGRAM, Value, program_name};

@@ -8,15 +8,15 @@ use std::time::{Duration, Instant};
 
 use spherecal_cyclic::{Listener, PeriodClock, Process, Published, Side};
 
-use super::arm::{ArmCommand, ArmHardware};
 use super::controls::RobotConfig;
+use super::controls::{ArmCommand, ArmHardware};
 use super::controls::{Controls, RobotStatistics};
 use super::outputs::{Outputs, known};
 use super::ports::{Ports, open};
+use super::ports::{Session, Wanted};
 use super::programs::Step;
 use super::programs::{Program, torque_order};
 use super::registers::Registers;
-use super::session::{Session, Wanted};
 use crate::wire::{
     Answer, MAX_NAMES, MAX_REQUEST, NOT_FOUND, PROTOCOL, Recipe, Request, RobotMode, RuntimeState, SafetyMode, Setup,
     TextLevel, TextMessage, Value, WireError, program_name, take_package,

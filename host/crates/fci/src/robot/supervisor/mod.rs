@@ -8,7 +8,6 @@
 //! Requests come in between by [`RobotSupervisor::request`]; responses that come later wait in
 //! [`RobotSupervisor::take_finished`].
 
-mod requests;
 mod state;
 
 use super::arm::{ArmCommand, ArmState};
