@@ -7,9 +7,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use spherecal_fci::TCP_PORT;
-use spherecal_fci::robot::{RobotConfig, RobotSide, Tolerance};
+use spherecal_fci::robot::{RobotConfig, Tolerance, start_robot};
 use spherecal_fci::wire::Version;
-use spherecal_fri::robot::{CabinetConfig, CabinetSide};
+use spherecal_fri::robot::{CabinetConfig, start_cabinet};
 use spherecal_fri::wire::{Framing, SessionState};
 
 use clap::Args;
@@ -192,7 +192,7 @@ pub(super) fn franka(args: &PlantArgs) -> Result<Exit, CliError> {
     warn_if_open("plant", side.address);
     let asked = side.address;
     let interrupt = interrupt()?;
-    let side = RobotSide::start(side, arm)
+    let side = start_robot(side, arm)
         .map_err(|error| CliError::input(format!("cannot listen at {asked}: {error}; is another robot running?")))?;
     side.controls().guiding.store(args.guide.is_some(), Ordering::Relaxed);
     announce(&format!(
@@ -249,8 +249,7 @@ pub(super) fn kuka(args: &PlantArgs, client: SocketAddr) -> Result<Exit, CliErro
     }
     warn_if_open("plant", client);
     let interrupt = interrupt()?;
-    let side =
-        CabinetSide::start(side, arm).map_err(|error| CliError::job(format!("cannot send to {client}: {error}")))?;
+    let side = start_cabinet(side, arm).map_err(|error| CliError::job(format!("cannot send to {client}: {error}")))?;
     announce(&format!(
         "Fast Robot Interface ({}), sending to fri:{client}",
         config.robot

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use spherecal_model::robots::{UrParameters, ur_lengths};
-use spherecal_ur::robot::{ArmHardware, RobotConfig, RobotSide};
+use spherecal_ur::robot::{ArmHardware, RobotConfig, start_robot};
 use spherecal_ur::wire::{KinematicsInfo, Series};
 
 use super::exit::{CliError, Exit, interrupt};
@@ -80,7 +80,7 @@ pub(super) fn universal_robots(args: &PlantArgs, at: &str) -> Result<Exit, CliEr
     warn_if_open("plant", at);
     let interrupt = interrupt()?;
     let version = side.version;
-    let side = RobotSide::start(side, arm)
+    let side = start_robot(side, arm)
         .map_err(|error| CliError::input(format!("cannot listen at {at}: {error}; is another robot running?")))?;
     announce(&format!(
         "RTDE (software {version}, {}), on ur:{}",

@@ -13,9 +13,9 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use spherecal::job::Config;
 use spherecal::simulated;
-use spherecal_fci::robot::{RobotConfig, RobotSide};
+use spherecal_fci::robot::{RobotConfig, start_robot};
 use spherecal_fci::wire::{RobotMode, Version};
-use spherecal_fri::robot::{CabinetConfig, CabinetSide, Tolerance};
+use spherecal_fri::robot::{CabinetConfig, CabinetSide, Tolerance, start_cabinet};
 use spherecal_fri::wire::SessionState;
 
 use crate::kills::{has_run, recorded};
@@ -62,7 +62,7 @@ fn long_a_host_killed_over_the_franka_control_interface_goes_on() {
     let folder = tempfile::tempdir().expect("a folder");
     let config = cell(folder.path(), "panda");
     let arm = simulated::robot(&config, (0.0, 0.0)).expect("an arm");
-    let robot = RobotSide::start(RobotConfig::for_tests(Version::V5), Box::new(arm)).expect("a robot");
+    let robot = start_robot(RobotConfig::for_tests(Version::V5), Box::new(arm)).expect("a robot");
     let link = format!("franka:{}", robot.address());
     let database = folder.path().join("cell/calibration.db");
     let moving = || robot.statistics().mode == Some(RobotMode::Move);
@@ -148,7 +148,7 @@ fn killed_at_ten_instants<R>(name: &str, robot: impl Fn(&Config) -> (String, R))
 fn long_a_host_killed_at_any_instant_over_the_franka_control_interface_goes_on() {
     killed_at_ten_instants("panda", |config| {
         let arm = simulated::robot(config, (0.0, 0.0)).expect("an arm");
-        let robot = RobotSide::start(RobotConfig::for_tests(Version::V5), Box::new(arm)).expect("a robot");
+        let robot = start_robot(RobotConfig::for_tests(Version::V5), Box::new(arm)).expect("a robot");
         (format!("franka:{}", robot.address()), robot)
     });
 }
@@ -182,7 +182,7 @@ fn a_cabinet(config: &Config) -> (String, CabinetSide) {
         tolerance: Tolerance::tolerant(),
         ..CabinetConfig::new()
     };
-    let cabinet = CabinetSide::start(side, Box::new(arm)).expect("a cabinet");
+    let cabinet = start_cabinet(side, Box::new(arm)).expect("a cabinet");
     (format!("fri:{client}"), cabinet)
 }
 

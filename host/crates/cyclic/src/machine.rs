@@ -289,18 +289,20 @@ impl<C, S: Copy> Published<C, S> {
 /// A running robot side. It ends when it is dropped.
 #[derive(Debug)]
 pub struct Side<C, S> {
+    address: SocketAddr,
     shared: Arc<Published<C, S>>,
     running: Running,
 }
 
 impl<C: Default, S: Copy + Default> Side<C, S> {
-    /// Starts the process that `make` makes, under this name.
+    /// Starts the process that `make` makes, under this name. `address` is its own.
     ///
     /// # Errors
     /// What the system says if no thread can be started.
     pub fn start<P: Process + 'static>(
         machine: &dyn Machine,
         name: &str,
+        address: SocketAddr,
         make: impl FnOnce(Arc<Published<C, S>>) -> P,
     ) -> std::io::Result<Self> {
         let shared = Arc::new(Published {
@@ -308,12 +310,21 @@ impl<C: Default, S: Copy + Default> Side<C, S> {
             statistics: Mutex::new(S::default()),
         });
         let running = machine.run(name, Box::new(make(Arc::clone(&shared))))?;
-        Ok(Self { shared, running })
+        Ok(Self {
+            address,
+            shared,
+            running,
+        })
     }
 }
 
 impl<C, S: Copy> Side<C, S> {
-    /// What persons and safety functions do.
+    /// Where it listens, or from where it sends.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// What persons, application and safety functions do.
     pub fn controls(&self) -> &C {
         &self.shared.controls
     }

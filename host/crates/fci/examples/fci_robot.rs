@@ -7,7 +7,7 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
-use spherecal_fci::robot::{READY, RobotConfig, RobotSide, Tolerance, joint_arm};
+use spherecal_fci::robot::{READY, RobotConfig, Tolerance, joint_arm, start_robot};
 use spherecal_fci::wire::Version;
 
 const HELP: &str = "\
@@ -51,7 +51,7 @@ fn main() -> std::process::ExitCode {
         }
     }
     let version = config.version;
-    let side = match RobotSide::start(config, Box::new(joint_arm(READY))) {
+    let side = match start_robot(config, Box::new(joint_arm(READY))) {
         Ok(side) => side,
         Err(error) => {
             eprintln!("cannot listen: {error}; is another robot running?");

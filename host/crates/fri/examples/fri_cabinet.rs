@@ -8,7 +8,7 @@ use std::net::SocketAddr;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use spherecal_fri::robot::{CabinetConfig, CabinetSide, START, Tolerance, joint_arm};
+use spherecal_fri::robot::{CabinetConfig, START, Tolerance, joint_arm, start_cabinet};
 
 const HELP: &str = "\
 Simulates a cabinet with seven independent joints, joint impedance with stiffness and damping 0, torque overlay.
@@ -62,7 +62,7 @@ fn main() -> std::process::ExitCode {
         }
     }
     let client = config.client;
-    let side = match CabinetSide::start(config, Box::new(joint_arm(START))) {
+    let side = match start_cabinet(config, Box::new(joint_arm(START))) {
         Ok(side) => side,
         Err(error) => {
             eprintln!("cannot open a UDP port: {error}");

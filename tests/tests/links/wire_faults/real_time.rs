@@ -11,9 +11,9 @@ use spherecal::link::tcp::listen;
 use spherecal::link::{Device as _, LocalDevice, controller_in_process};
 use spherecal::simulated;
 use spherecal_cyclic::testing::LOCAL;
-use spherecal_fci::robot::{RobotConfig, RobotSide};
+use spherecal_fci::robot::{RobotConfig, RobotSide, start_robot};
 use spherecal_fci::wire::{RobotMode, Version};
-use spherecal_fri::robot::{CabinetConfig, CabinetSide, Tolerance};
+use spherecal_fri::robot::{CabinetConfig, Tolerance, start_cabinet};
 use spherecal_fri::wire::SessionState;
 use spherecal_shared::protocol::host::Phase;
 
@@ -25,7 +25,7 @@ const MINUTE: u32 = 60_000;
 /// A Panda on this machine that waits for late answers, and how the host reaches it.
 fn panda(config: &Config) -> (RobotSide, Link) {
     let arm = simulated::robot(config, (0.0, 0.0)).expect("an arm");
-    let robot = RobotSide::start(RobotConfig::for_tests(Version::V5), Box::new(arm)).expect("a robot");
+    let robot = start_robot(RobotConfig::for_tests(Version::V5), Box::new(arm)).expect("a robot");
     let (host, port) = (robot.address().ip().to_string(), robot.address().port());
     (robot, Link::Franka { host, port })
 }
@@ -110,7 +110,7 @@ fn long_a_minute_over_the_fast_robot_interface_allocates_nothing() {
         tolerance: Tolerance::tolerant(),
         ..CabinetConfig::new()
     };
-    let cabinet = CabinetSide::start(settings, Box::new(arm)).expect("a cabinet");
+    let cabinet = start_cabinet(settings, Box::new(arm)).expect("a cabinet");
     // The application wants its motion from the start on.
     cabinet.controls().command.store(true, Ordering::Relaxed);
     minute(&config, &Link::Fri(client), || {

@@ -10,9 +10,9 @@ use spherecal::sim::RobotArm;
 use spherecal::simulated;
 use spherecal_cyclic::testing::{LOCAL, World};
 use spherecal_cyclic::{Machine as _, Process, Running};
-use spherecal_fci::robot::{self as fci, RobotConfig, RobotSide};
+use spherecal_fci::robot::{self as fci, RobotConfig, RobotSide, start_robot};
 use spherecal_fci::wire::{FlangeLoad, Version};
-use spherecal_fri::robot::{self as fri, CabinetConfig, CabinetSide, Tolerance};
+use spherecal_fri::robot::{self as fri, CabinetConfig, CabinetSide, Tolerance, start_cabinet};
 use spherecal_fri::wire::SessionState;
 
 /// How often the cabinet's application looks after its motion.
@@ -168,7 +168,7 @@ impl Robot for Franka {
             arm: Arc::clone(&self.arm),
             touched: Arc::clone(&self.touched),
         };
-        *side = on.then(|| RobotSide::start(self.config.clone(), Box::new(arm)).expect("a robot"));
+        *side = on.then(|| start_robot(self.config.clone(), Box::new(arm)).expect("a robot"));
     }
 
     fn counts(&self) -> Counts {
@@ -307,7 +307,7 @@ impl Robot for Kuka {
             locked(&self.earlier).add(&Self::of(&old.shut_down()));
         }
         let arm = Box::new(Arc::clone(&self.arm));
-        *side = on.then(|| CabinetSide::start(self.config.clone(), arm).expect("a cabinet"));
+        *side = on.then(|| start_cabinet(self.config.clone(), arm).expect("a cabinet"));
     }
 
     fn counts(&self) -> Counts {

@@ -9,7 +9,7 @@ use spherecal::sim::UrArm;
 use spherecal::{job, simulated};
 use spherecal_cyclic::Machine as _;
 use spherecal_cyclic::testing::{LOCAL, World};
-use spherecal_ur::robot::{ArmCommand, ArmHardware, ArmState, RobotConfig, RobotSide, RobotStatistics};
+use spherecal_ur::robot::{ArmCommand, ArmHardware, ArmState, RobotConfig, RobotSide, RobotStatistics, start_robot};
 use spherecal_ur::wire::{KinematicsInfo, Load, SafetyMode, Series};
 
 use super::job::{Job, short};
@@ -132,7 +132,7 @@ impl Robot for Ur {
         let mut side = self.side.lock().expect("a lock");
         *side = None;
         let arm = Kept(Arc::clone(&self.arm));
-        *side = on.then(|| RobotSide::start(self.config.clone(), Box::new(arm)).expect("a robot"));
+        *side = on.then(|| start_robot(self.config.clone(), Box::new(arm)).expect("a robot"));
     }
 
     fn counts(&self) -> Counts {

@@ -48,7 +48,7 @@ pub use arm::{ArmCommand, ArmHardware, ArmState, joint_arm};
 pub use config::{READY, RobotConfig, Tolerance};
 pub use limits::ArmLimits;
 pub use model::ModelError;
-pub use server::{Controls, RobotSide, RobotStatistics};
+pub use server::{Controls, RobotSide, RobotStatistics, start_robot};
 pub use supervisor::{Finished, RobotSupervisor};
 
 /// The nominal model of the FR3 in URDF, as the maker publishes it: kinematics, inertias, joint limits, and how the

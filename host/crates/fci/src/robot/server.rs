@@ -58,60 +58,34 @@ pub struct Controls {
 }
 
 /// A running robot side. It ends when it is dropped.
-pub struct RobotSide {
-    address: SocketAddr,
-    side: Side<Controls, RobotStatistics>,
-}
+pub type RobotSide = Side<Controls, RobotStatistics>;
 
-impl RobotSide {
-    /// Listens and starts the robot's clock.
-    ///
-    /// # Errors
-    /// What the system says if the address cannot be used.
-    pub fn start(config: RobotConfig, arm: Box<dyn ArmHardware>) -> std::io::Result<Self> {
-        let machine = Arc::clone(&config.machine);
-        let listener = machine.listen(config.address)?;
-        let address = listener.address()?;
-        let udp = machine.datagrams((address.ip(), 0).into())?;
-        let clock = PeriodClock::start(PERIOD, machine.now());
-        let side = Side::start(machine.as_ref(), "fci-robot", |shared| RobotServer {
-            supervisor: RobotSupervisor::new(config.clone(), arm.state()),
-            model: config.model.clone().unwrap_or_else(|| super::FR3_URDF.to_owned()),
-            config,
-            listener,
-            udp,
-            arm,
-            session: None,
-            state: RobotState::default(),
-            message_id: 0,
-            answer: None,
-            stopped_at: None,
-            count: RobotStatistics::default(),
-            clock,
-            shared,
-        })?;
-        Ok(Self { address, side })
-    }
-
-    /// Where the robot listens.
-    pub fn address(&self) -> SocketAddr {
-        self.address
-    }
-
-    /// What a person at the robot does.
-    pub fn controls(&self) -> &Controls {
-        self.side.controls()
-    }
-
-    /// What the robot counted so far.
-    pub fn statistics(&self) -> RobotStatistics {
-        self.side.statistics()
-    }
-
-    /// Switches the robot off.
-    pub fn shut_down(self) -> RobotStatistics {
-        self.side.shut_down()
-    }
+/// Listens and starts the robot's clock.
+///
+/// # Errors
+/// What the system says if the address cannot be used.
+pub fn start_robot(config: RobotConfig, arm: Box<dyn ArmHardware>) -> std::io::Result<RobotSide> {
+    let machine = Arc::clone(&config.machine);
+    let listener = machine.listen(config.address)?;
+    let address = listener.address()?;
+    let udp = machine.datagrams((address.ip(), 0).into())?;
+    let clock = PeriodClock::start(PERIOD, machine.now());
+    Side::start(machine.as_ref(), "fci-robot", address, |shared| RobotServer {
+        supervisor: RobotSupervisor::new(config.clone(), arm.state()),
+        model: config.model.clone().unwrap_or_else(|| super::FR3_URDF.to_owned()),
+        config,
+        listener,
+        udp,
+        arm,
+        session: None,
+        state: RobotState::default(),
+        message_id: 0,
+        answer: None,
+        stopped_at: None,
+        count: RobotStatistics::default(),
+        clock,
+        shared,
+    })
 }
 
 struct RobotServer {

@@ -7,7 +7,7 @@ use std::time::Duration;
 use spherecal_cyclic::JointArm;
 use spherecal_cyclic::testing::{World, joint_impedance};
 use spherecal_fci::client::ClientConfig;
-use spherecal_fci::robot::{READY, RobotConfig, RobotSide, Tolerance, joint_arm};
+use spherecal_fci::robot::{READY, RobotConfig, RobotSide, Tolerance, joint_arm, start_robot};
 use spherecal_fci::wire::{RobotState, Version};
 
 /// A robot in this world with the simple arm, which the test can push. It does not wait, as a real one does not.
@@ -28,7 +28,7 @@ pub(crate) fn patient(world: &World, version: Version) -> RobotConfig {
 
 pub(crate) fn robot_with(config: RobotConfig) -> (RobotSide, Arc<Mutex<JointArm>>) {
     let arm = Arc::new(Mutex::new(joint_arm(READY)));
-    let side = RobotSide::start(config, Box::new(Arc::clone(&arm))).expect("a robot");
+    let side = start_robot(config, Box::new(Arc::clone(&arm))).expect("a robot");
     (side, arm)
 }
 

@@ -13,7 +13,7 @@ use std::process::{Command as Process, Output};
 use std::time::Duration;
 
 use spherecal_fci::TCP_PORT;
-use spherecal_fci::robot::{FR3_URDF, READY, RobotConfig, RobotSide, Tolerance, joint_arm};
+use spherecal_fci::robot::{FR3_URDF, READY, RobotConfig, Tolerance, joint_arm, start_robot};
 use spherecal_fci::wire::*;
 
 fn root() -> PathBuf {
@@ -72,7 +72,7 @@ fn control(version: Version) {
         tolerance: Tolerance::tolerant(),
         ..RobotConfig::new(version)
     };
-    let side = RobotSide::start(config, Box::new(joint_arm(READY))).expect("port 1337 is free");
+    let side = start_robot(config, Box::new(joint_arm(READY))).expect("port 1337 is free");
     let out = held(&run(&python, version, "control"));
     assert!(out.contains("controller_torque_discontinuity"));
     let statistics = side.shut_down();
@@ -104,7 +104,7 @@ fn pylibfranka_moves_the_robot_side_by_its_generators() {
         tolerance: Tolerance::tolerant(),
         ..RobotConfig::new(Version::V10)
     };
-    let side = RobotSide::start(config, Box::new(joint_arm(READY))).expect("port 1337 is free");
+    let side = start_robot(config, Box::new(joint_arm(READY))).expect("port 1337 is free");
     held(&run(&python, Version::V10, "generators"));
     assert_eq!(side.shut_down().malformed, 0);
 }

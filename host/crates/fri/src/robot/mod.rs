@@ -36,4 +36,4 @@ mod server;
 pub use arm::{ArmCommand, ArmHardware, ArmState, joint_arm};
 pub use cabinet::Cabinet;
 pub use config::{CabinetConfig, START, Tolerance};
-pub use server::{CabinetSide, CabinetStatistics, Controls};
+pub use server::{CabinetSide, CabinetStatistics, Controls, start_cabinet};

@@ -53,56 +53,37 @@ pub struct Controls {
 }
 
 /// A running cabinet. It ends when it is dropped.
-pub struct CabinetSide {
-    side: Side<Controls, CabinetStatistics>,
-}
+pub type CabinetSide = Side<Controls, CabinetStatistics>;
 
-impl CabinetSide {
-    /// Opens the session and starts the clock.
-    ///
-    /// # Errors
-    /// What the system says if no port can be opened.
-    pub fn start(config: CabinetConfig, arm: Box<dyn ArmHardware>) -> std::io::Result<Self> {
-        let machine = Arc::clone(&config.machine);
-        let any: IpAddr = match config.client.ip() {
-            IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
-            IpAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+/// Opens the session and starts the clock.
+///
+/// # Errors
+/// What the system says if no port can be opened.
+pub fn start_cabinet(config: CabinetConfig, arm: Box<dyn ArmHardware>) -> std::io::Result<CabinetSide> {
+    let machine = Arc::clone(&config.machine);
+    let any: IpAddr = match config.client.ip() {
+        IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+        IpAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+    };
+    let udp = machine.datagrams(config.address.unwrap_or((any, 0).into()))?;
+    let address = udp.address()?;
+    let period = Duration::from_millis(config.send_period_ms.max(1).into());
+    let clock = PeriodClock::start(period, machine.now());
+    Side::start(machine.as_ref(), "fri-cabinet", address, |shared| {
+        let mut server = CabinetServer {
+            cabinet: Cabinet::new(config.clone(), arm.state()),
+            clock,
+            config,
+            udp,
+            arm,
+            answer: None,
+            sent: SessionState::Idle,
+            count: CabinetStatistics::default(),
+            shared,
         };
-        let udp = machine.datagrams(config.address.unwrap_or((any, 0).into()))?;
-        let period = Duration::from_millis(config.send_period_ms.max(1).into());
-        let clock = PeriodClock::start(period, machine.now());
-        let side = Side::start(machine.as_ref(), "fri-cabinet", |shared| {
-            let mut server = CabinetServer {
-                cabinet: Cabinet::new(config.clone(), arm.state()),
-                clock,
-                config,
-                udp,
-                arm,
-                answer: None,
-                sent: SessionState::Idle,
-                count: CabinetStatistics::default(),
-                shared,
-            };
-            server.send();
-            server
-        })?;
-        Ok(Self { side })
-    }
-
-    /// What application, persons and safety functions do.
-    pub fn controls(&self) -> &Controls {
-        self.side.controls()
-    }
-
-    /// What the cabinet counted so far.
-    pub fn statistics(&self) -> CabinetStatistics {
-        self.side.statistics()
-    }
-
-    /// Switches the cabinet off.
-    pub fn shut_down(self) -> CabinetStatistics {
-        self.side.shut_down()
-    }
+        server.send();
+        server
+    })
 }
 
 struct CabinetServer {

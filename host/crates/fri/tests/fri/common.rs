@@ -9,7 +9,7 @@ use spherecal_cyclic::JointArm;
 use spherecal_cyclic::Machine;
 use spherecal_cyclic::testing::{LOCAL, World, joint_impedance};
 use spherecal_fri::client::{Client, ClientConfig, ClientError, Cycle, MonitoredState, TorqueLimits};
-use spherecal_fri::robot::{CabinetConfig, CabinetSide, START, joint_arm};
+use spherecal_fri::robot::{CabinetConfig, CabinetSide, START, joint_arm, start_cabinet};
 use spherecal_fri::wire::SessionState;
 
 /// Settings of a client in this world, on any free port.
@@ -45,7 +45,7 @@ pub(crate) fn cabinet(world: &World, client: SocketAddr) -> (CabinetSide, Arc<Mu
 
 pub(crate) fn cabinet_with(config: CabinetConfig) -> (CabinetSide, Arc<Mutex<JointArm>>) {
     let arm = Arc::new(Mutex::new(joint_arm(START)));
-    let side = CabinetSide::start(config, Box::new(Arc::clone(&arm))).expect("a cabinet");
+    let side = start_cabinet(config, Box::new(Arc::clone(&arm))).expect("a cabinet");
     (side, arm)
 }
 

@@ -9,7 +9,7 @@ use spherecal_cyclic::testing::{LOCAL, World};
 use spherecal_fri::client::{
     Client, ClientError, CommandingEnd, EndCause, MonitoredState, ReadOnlyClient, TorqueLimits, measured_sign,
 };
-use spherecal_fri::robot::{CabinetConfig, CabinetSide, START, joint_arm};
+use spherecal_fri::robot::{CabinetConfig, START, joint_arm, start_cabinet};
 use spherecal_fri::wire::{ClientCommandMode, Framing, Quality, SafetyState, SessionState};
 
 fn ended(result: Result<impl std::fmt::Debug, ClientError>) -> CommandingEnd {
@@ -266,7 +266,7 @@ fn the_cabinet_sends_from_its_address() {
     let (_, from) = client.receive(&mut [0; 2000]).expect("a message");
     assert_eq!(from, address);
     // A second cabinet cannot be there.
-    assert!(CabinetSide::start(settings, Box::new(joint_arm(START))).is_err());
+    assert!(start_cabinet(settings, Box::new(joint_arm(START))).is_err());
 }
 
 // Fails if the read-only mode commands, lets a motion begin, or misses a hand-guided motion.

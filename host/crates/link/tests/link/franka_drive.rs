@@ -8,7 +8,7 @@ use spherecal_cyclic::JointArm;
 use spherecal_cyclic::testing::World;
 use spherecal_cyclic::{Machine, this_machine};
 use spherecal_fci::client::{ClientConfig, EndCause};
-use spherecal_fci::robot::{ArmLimits, FR3_URDF, READY, RobotConfig, RobotSide, Tolerance, joint_arm};
+use spherecal_fci::robot::{ArmLimits, FR3_URDF, READY, RobotConfig, RobotSide, Tolerance, joint_arm, start_robot};
 use spherecal_fci::wire::{ErrorFlag, Version};
 use spherecal_link::Drive;
 use spherecal_link::native::{DriveEvent, FrankaDrive, FrankaOptions, Undeclared, collision_behavior};
@@ -126,7 +126,7 @@ fn settings(machine: &Arc<dyn Machine>, version: Version) -> RobotConfig {
 
 fn robot_with(config: RobotConfig) -> (RobotSide, Arc<Mutex<JointArm>>) {
     let arm = Arc::new(Mutex::new(joint_arm(READY)));
-    let side = RobotSide::start(config, Box::new(Arc::clone(&arm))).expect("a robot side");
+    let side = start_robot(config, Box::new(Arc::clone(&arm))).expect("a robot side");
     (side, arm)
 }
 
@@ -229,7 +229,7 @@ fn a_restarted_robot_is_found_again() {
         address,
         ..settings(&machine, Version::V10)
     };
-    let side = RobotSide::start(config, Box::new(joint_arm(READY))).expect("the same port");
+    let side = start_robot(config, Box::new(joint_arm(READY))).expect("the same port");
     held.until("the next motion", Held::moves);
     assert!(held.events.contains(&DriveEvent::Reconnected));
     assert!(held.state.tick > last);
@@ -301,7 +301,7 @@ fn the_robots_own_model_states_the_limits() {
             model: Some(model.to_owned()),
             ..settings(&machine, Version::V10)
         };
-        let side = RobotSide::start(config, Box::new(joint_arm(READY))).expect("a robot side");
+        let side = start_robot(config, Box::new(joint_arm(READY))).expect("a robot side");
         let drive = FrankaDrive::connect(options(&machine, side.address().port())).expect("a robot");
         let event = drive.monitor().expect("a monitor").next_event();
         (drive.hello().limits.clone(), event)

@@ -10,7 +10,7 @@ use spherecal_cyclic::testing::World;
 use spherecal_cyclic::{Machine, this_machine};
 use spherecal_fri::client::{ClientConfig, EndCause, TorqueLimits};
 use spherecal_fri::robot::{
-    ArmCommand, ArmHardware, ArmState, CabinetConfig, CabinetSide, START, Tolerance, joint_arm,
+    ArmCommand, ArmHardware, ArmState, CabinetConfig, CabinetSide, START, Tolerance, joint_arm, start_cabinet,
 };
 use spherecal_fri::wire::SafetyState;
 use spherecal_link::native::{DriveEvent, KukaDrive, KukaOptions, Undeclared};
@@ -78,7 +78,7 @@ fn cabinet_with(machine: &Arc<dyn Machine>, sign: f64, share: f64, tolerance: To
         ..CabinetConfig::new()
     };
     (
-        CabinetSide::start(config, Box::new(Iiwa::new(share))).expect("a cabinet"),
+        start_cabinet(config, Box::new(Iiwa::new(share))).expect("a cabinet"),
         client,
     )
 }

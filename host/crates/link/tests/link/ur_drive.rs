@@ -11,7 +11,7 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveState, DriveStatus};
 use spherecal_shared::robot::{Arm, Dynamics as _, Robot, built_in, iiwa7_tool};
 use spherecal_ur::JOINTS;
 use spherecal_ur::client::ClientConfig;
-use spherecal_ur::robot::{ArmCommand, ArmHardware, ArmState, RobotConfig, RobotSide};
+use spherecal_ur::robot::{ArmCommand, ArmHardware, ArmState, RobotConfig, RobotSide, start_robot};
 use spherecal_ur::wire::{KinematicsInfo, RobotMode, RuntimeState, SafetyMode, Series};
 
 /// Inertia of each joint, motor included, and of its motor, kg m².
@@ -68,7 +68,7 @@ fn robot(world: &World, change: impl FnOnce(&mut RobotConfig)) -> RobotSide {
         qd: [0.0; JOINTS],
         torque: [0.0; JOINTS],
     };
-    RobotSide::start(config, Box::new(arm)).expect("a robot")
+    start_robot(config, Box::new(arm)).expect("a robot")
 }
 
 fn connect(world: &World, side: &RobotSide) -> Result<UrDrive, LinkError> {

@@ -7,7 +7,7 @@ use std::time::Duration;
 use spherecal_cyclic::testing::{LOCAL, World};
 use spherecal_link::{JointReading, StateReader as _, UrReader};
 use spherecal_ur::client::ClientConfig;
-use spherecal_ur::robot::{ArmState, RobotConfig, RobotSide};
+use spherecal_ur::robot::{ArmState, RobotConfig, start_robot};
 use spherecal_ur::wire::{KinematicsInfo, Series};
 
 const POSE: [f64; 6] = [0.1, -1.2, 1.3, -1.4, -1.5, 0.6];
@@ -26,7 +26,7 @@ fn a_robot_of_universal_robots_is_read_and_its_stops_are_told() {
         address: LOCAL,
         ..RobotConfig::new(Series::ESeries, KinematicsInfo::default())
     };
-    let side = RobotSide::start(side, Box::new(Arc::new(Mutex::new(state)))).expect("a robot");
+    let side = start_robot(side, Box::new(Arc::new(Mutex::new(state)))).expect("a robot");
     let mut reader = UrReader::with(ClientConfig {
         machine: world.machine(),
         port: side.address().port(),

@@ -15,4 +15,4 @@ mod registers;
 mod server;
 
 pub use controls::{ArmCommand, ArmHardware, ArmState, Controls, RobotConfig, RobotStatistics};
-pub use server::RobotSide;
+pub use server::{RobotSide, start_robot};

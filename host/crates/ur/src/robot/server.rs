@@ -1,7 +1,6 @@
 //! The robot side on the network: its ports, its clock and its program, as a process of its own.
 
 use std::collections::VecDeque;
-use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -27,62 +26,36 @@ use spherecal_budget::robot::{CLIENTS, RECIPES};
 const SEES_END: i32 = 8;
 
 /// A running robot side. It ends when it is dropped.
-pub struct RobotSide {
-    address: SocketAddr,
-    side: Side<Controls, RobotStatistics>,
-}
+pub type RobotSide = Side<Controls, RobotStatistics>;
 
-impl RobotSide {
-    /// Listens at all ports and starts the robot's clock.
-    ///
-    /// # Errors
-    /// What the system says if an address cannot be used.
-    pub fn start(config: RobotConfig, arm: Box<dyn ArmHardware>) -> std::io::Result<Self> {
-        let machine = Arc::clone(&config.machine);
-        let (rtde, ports) = open(machine.as_ref(), config.address)?;
-        let address = rtde.address()?;
-        let period = Duration::from_secs_f64(1.0 / config.series().rate_hz());
-        let clock = PeriodClock::start(period, machine.now());
-        let side = Side::start(machine.as_ref(), "ur-robot", |shared| RobotServer {
-            calibration: config.kinematics.encode(),
-            config,
-            rtde,
-            ports,
-            arm,
-            sessions: Vec::new(),
-            registers: Registers::default(),
-            written: VecDeque::new(),
-            program: None,
-            ended: 0,
-            seen: 0,
-            stopped_at: None,
-            next: 0,
-            count: RobotStatistics::default(),
-            clock,
-            shared,
-        })?;
-        Ok(Self { address, side })
-    }
-
-    /// Where RTDE listens.
-    pub fn address(&self) -> SocketAddr {
-        self.address
-    }
-
-    /// What persons and safety functions do.
-    pub fn controls(&self) -> &Controls {
-        self.side.controls()
-    }
-
-    /// What the robot counted so far.
-    pub fn statistics(&self) -> RobotStatistics {
-        self.side.statistics()
-    }
-
-    /// Switches the robot off.
-    pub fn shut_down(self) -> RobotStatistics {
-        self.side.shut_down()
-    }
+/// Listens at all ports and starts the robot's clock.
+///
+/// # Errors
+/// What the system says if an address cannot be used.
+pub fn start_robot(config: RobotConfig, arm: Box<dyn ArmHardware>) -> std::io::Result<RobotSide> {
+    let machine = Arc::clone(&config.machine);
+    let (rtde, ports) = open(machine.as_ref(), config.address)?;
+    let address = rtde.address()?;
+    let period = Duration::from_secs_f64(1.0 / config.series().rate_hz());
+    let clock = PeriodClock::start(period, machine.now());
+    Side::start(machine.as_ref(), "ur-robot", address, |shared| RobotServer {
+        calibration: config.kinematics.encode(),
+        config,
+        rtde,
+        ports,
+        arm,
+        sessions: Vec::new(),
+        registers: Registers::default(),
+        written: VecDeque::new(),
+        program: None,
+        ended: 0,
+        seen: 0,
+        stopped_at: None,
+        next: 0,
+        count: RobotStatistics::default(),
+        clock,
+        shared,
+    })
 }
 
 struct RobotServer {

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use spherecal_cyclic::testing::{LOCAL, World};
 use spherecal_ur::client::ClientConfig;
-use spherecal_ur::robot::{ArmState, RobotConfig, RobotSide};
+use spherecal_ur::robot::{ArmState, RobotConfig, RobotSide, start_robot};
 use spherecal_ur::wire::{KinematicsInfo, Series};
 
 /// A pose with six different angles, rad.
@@ -48,7 +48,7 @@ pub(crate) fn robot(world: &World, series: Series) -> (RobotSide, Arc<Mutex<ArmS
         address: LOCAL,
         ..RobotConfig::new(series, calibration())
     };
-    let side = RobotSide::start(config, Box::new(Arc::clone(&arm))).expect("a robot");
+    let side = start_robot(config, Box::new(Arc::clone(&arm))).expect("a robot");
     (side, arm)
 }
 

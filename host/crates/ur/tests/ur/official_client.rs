@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command as Process;
 use std::sync::{Arc, Mutex};
 
-use spherecal_ur::robot::{ArmCommand, ArmHardware, ArmState, RobotConfig, RobotSide};
+use spherecal_ur::robot::{ArmCommand, ArmHardware, ArmState, RobotConfig, start_robot};
 use spherecal_ur::wire::Series;
 
 use crate::common::{POSE, calibration};
@@ -69,7 +69,7 @@ fn ur_rtde_reads_the_robot_side() {
         ..ArmState::default()
     }));
     let side =
-        RobotSide::start(RobotConfig::new(Series::ESeries, calibration()), Box::new(arm)).expect("port 30004 is free");
+        start_robot(RobotConfig::new(Series::ESeries, calibration()), Box::new(arm)).expect("port 30004 is free");
     let dh = calibration();
     let expected = format!(
         r#"{{"q": {POSE:?}, "within": 0, "moment": {MOMENT:?}, "theta": {:?}, "a": {:?}, "d": {:?}, "alpha": {:?}}}"#,
@@ -124,7 +124,7 @@ fn timed_ur_rtde_commands_the_torques_of_the_robot_side() {
     // The first software that this client commands torques with.
     config.version.minor = 26;
     let arm = Joints { q: POSE, qd: [0.0; 6] };
-    let side = RobotSide::start(config, Box::new(arm)).expect("port 30004 is free");
+    let side = start_robot(config, Box::new(arm)).expect("port 30004 is free");
     run(&python, "ur_torque.py", None);
     let statistics = side.shut_down();
     assert_eq!((statistics.broken, statistics.limits), (0, 0));

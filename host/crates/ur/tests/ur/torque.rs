@@ -10,7 +10,7 @@ use spherecal_cyclic::testing::World;
 use spherecal_ur::client::{
     ClientConfig, ClientError, DashboardCommand, ReadOnlyClient, TorqueClient, TorqueState, Unready, ask_dashboard,
 };
-use spherecal_ur::robot::{ArmCommand, ArmHardware, ArmState, RobotConfig, RobotSide};
+use spherecal_ur::robot::{ArmCommand, ArmHardware, ArmState, RobotConfig, RobotSide, start_robot};
 use spherecal_ur::wire::{
     Answer, INPUTS, Load, Order, PATIENCE_STEPS, PROGRAM, Recipe, Request, SafetyMode, Series, Value, take_package,
 };
@@ -63,7 +63,7 @@ fn robot(world: &World, change: impl FnOnce(&mut RobotConfig)) -> (RobotSide, To
         ..RobotConfig::new(Series::ESeries, calibration())
     };
     change(&mut settings);
-    let side = RobotSide::start(settings, Box::new(told.clone())).expect("a robot");
+    let side = start_robot(settings, Box::new(told.clone())).expect("a robot");
     let config = config(world, &side);
     (side, told, config)
 }
