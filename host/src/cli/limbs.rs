@@ -17,8 +17,7 @@ use super::bag::BagTables;
 use super::exit::{CliError, Exit};
 use super::identify::{IdentifyArgs, request, with_bags};
 use super::out::{errln, outln};
-use super::study::StudyProgress;
-use super::study::{identified, refuse, write_study};
+use super::study::{StudyProgress, identified, refuse, write_study};
 use super::table::{Joints, put_right};
 
 /// Name of the robot's file in `--out`.

@@ -16,8 +16,7 @@ use clap::Args;
 
 use super::args::{base, on_preset};
 use super::exit::{CliError, Exit, interrupt};
-use super::out::errln;
-use super::out::{announce, warn_if_open};
+use super::out::{announce, errln, warn_if_open};
 use crate::simulated;
 use spherecal_job::{self as job, Config, JobError};
 use spherecal_link::native::Undeclared;

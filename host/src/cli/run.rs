@@ -7,18 +7,18 @@ use std::sync::atomic::AtomicBool;
 
 use super::args::RunArgs;
 use super::exit::{CliError, Exit, interrupt};
-use super::features;
 use super::live_output::LiveOutput;
 use super::out::{err, errln, out, outln};
 use super::progress::ProgressView;
 use super::study::StudyProgress;
-use super::text;
+use super::{features, text};
 use crate::simulated::{self, SimulatedCell, SimulationError};
 use spherecal_campaign::telemetry::{ContactTrace, DrawnArm, TelemetryRecorder};
 use spherecal_campaign::{CampaignObserver, Moved, Progress};
 use spherecal_identify::study::StudyStep;
-use spherecal_job::open_store;
-use spherecal_job::{self as job, JobError, Link, Measurements, PreparedRun, Site, Summary, TaughtWaypoints};
+use spherecal_job::{
+    self as job, JobError, Link, Measurements, PreparedRun, Site, Summary, TaughtWaypoints, open_store,
+};
 use spherecal_link::qemu::LOG_FILE;
 use spherecal_link::{Arrival, Serial};
 use spherecal_model::robots;

@@ -7,8 +7,7 @@ use spherecal_ur::robot::{ArmHardware, RobotConfig, start_robot};
 use spherecal_ur::wire::{KinematicsInfo, Series};
 
 use super::exit::{CliError, Exit, interrupt};
-use super::out::errln;
-use super::out::{announce, warn_if_open};
+use super::out::{announce, errln, warn_if_open};
 use super::robot_sides::{PlantArgs, address, guided, lines, wait};
 use crate::simulated;
 use spherecal_job as job;

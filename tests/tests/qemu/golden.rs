@@ -6,9 +6,8 @@
 //! on purpose, the failing test names the new one for [`GOLDEN`].
 
 use sha2::{Digest, Sha256};
-use spherecal::link::Controller;
-use spherecal::link::InProcess;
 use spherecal::link::qemu::{Qemu, QemuOptions};
+use spherecal::link::{Controller, InProcess};
 use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::drive::DriveCommand;
 use spherecal_shared::protocol::host::{Command, Phase, Recording};

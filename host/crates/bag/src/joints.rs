@@ -5,8 +5,7 @@ use spherecal_model::excerpt;
 use super::error::BagError;
 use super::messages::{JointStateMessage, MessageRefusal};
 use super::targets::Targets;
-use super::topics::BagMessage;
-use super::topics::Wanted;
+use super::topics::{BagMessage, Wanted};
 
 /// Takes the robot's joints from joint states.
 pub(crate) struct JointReader<'a> {

@@ -6,14 +6,13 @@ use std::path::{Path, PathBuf};
 use spherecal_model::input::ReadingProgress;
 use spherecal_model::printable;
 
-use super::error::{BadMessage, BagError};
+use super::error::BagError;
 use super::files::files;
 use super::joints::JointReader;
-use super::messages::MessageRefusal;
 use super::records::each_message;
 use super::rests::{RestPose, Rests};
 use super::targets::{Where, targets};
-use super::topics::Wanted;
+use super::topics::{Wanted, bad_message};
 use super::words::{judge, mixed_targets, notes};
 
 /// The poses of a bag.
@@ -136,16 +135,7 @@ pub fn read_bag(path: &Path, wanted: &Wanted, progress: &mut dyn FnMut(ReadingPr
                     return Ok(());
                 }
                 number += 1;
-                let refused = |(what, remedy): MessageRefusal| {
-                    Box::new(BadMessage {
-                        path: path.display().to_string(),
-                        topic: message.topic.name.clone(),
-                        kind: message.topic.kind.clone(),
-                        number,
-                        what,
-                        remedy,
-                    })
-                };
+                let refused = |refusal| bad_message(path, message.topic, number, refusal);
                 let taken = reader.take(message, found.by_header).map_err(refused)?;
                 if let Some(time_ns) = taken {
                     let effort = reader.effort.as_deref().filter(|_| wanted.effort_nm);

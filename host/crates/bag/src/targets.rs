@@ -4,14 +4,12 @@ use std::path::PathBuf;
 
 use spherecal_model::excerpt;
 
-use super::error::{BadMessage, BagError};
+use super::error::BagError;
 use super::messages::{JOINT_STATE, JointStateMessage, MessageRefusal, ToolPlace, target};
 use spherecal_budget::files::TARGETS;
 
 use super::records::each_message;
-use super::topics::BagMessage;
-use super::topics::Wanted;
-use super::topics::{ChosenTopics, Topics, taken};
+use super::topics::{BagMessage, ChosenTopics, Topics, Wanted, bad_message, taken};
 
 /// Most placements of the plate.
 const MOST_PLACES: usize = 1000;
@@ -148,16 +146,8 @@ pub(crate) fn targets(
                 what: "has more than 10000 topics".to_owned(),
                 remedy: "record the joint states and targets alone".to_owned(),
             })?;
-            scan.take(message).map_err(|(what, remedy)| {
-                BagError::from(Box::new(BadMessage {
-                    path: path.display().to_string(),
-                    topic: message.topic.name.clone(),
-                    kind: message.topic.kind.clone(),
-                    number,
-                    what,
-                    remedy,
-                }))
-            })
+            let refused = |refusal| bad_message(path, message.topic, number, refusal);
+            scan.take(message).map_err(refused)
         })?;
         early.extend(ended);
     }

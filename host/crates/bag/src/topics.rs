@@ -5,13 +5,14 @@
 //! mean something else.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::rc::Rc;
 
 use spherecal_budget::files::TOPICS;
 use spherecal_model::excerpt;
 
-use super::error::BagError;
-use super::messages::{JOINT_STATE, TARGETS, TargetKind, target_kind};
+use super::error::{BadMessage, BagError};
+use super::messages::{JOINT_STATE, MessageRefusal, TARGETS, TargetKind, target_kind};
 
 /// The type of targets that is taken without being named.
 pub(crate) const POINT: &str = TARGETS[0].0;
@@ -199,4 +200,16 @@ impl Wanted {
             effort_nm: false,
         }
     }
+}
+
+/// The refusal of message `number` of a topic in a file.
+pub(crate) fn bad_message(path: &Path, topic: &Topic, number: u64, (what, remedy): MessageRefusal) -> BagError {
+    BagError::from(Box::new(BadMessage {
+        path: path.display().to_string(),
+        topic: topic.name.clone(),
+        kind: topic.kind.clone(),
+        number,
+        what,
+        remedy,
+    }))
 }

@@ -4,10 +4,9 @@ use spherecal_shared::protocol::host::{Fault, FaultReport, Phase, Refusal};
 
 use super::words::describe;
 
-use spherecal_link::JournalError;
+use spherecal_link::{JournalError, LinkError};
 
 use super::Implausible;
-use spherecal_link::LinkError;
 use spherecal_shared::robot::RobotError;
 
 /// What can end a campaign before its time.

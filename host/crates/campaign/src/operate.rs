@@ -14,8 +14,7 @@ use super::observe::CampaignObserver;
 use super::procedure::Campaign;
 use super::session::{Session, Waited};
 use super::{Assignment, CampaignError, RunOptions};
-use spherecal_link::{Arrival, Device};
-use spherecal_link::{Journal, JournalError};
+use spherecal_link::{Arrival, Device, Journal, JournalError};
 use spherecal_plan::Plan;
 
 /// Time that one order may take, in s of device time.

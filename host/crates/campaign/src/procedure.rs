@@ -8,8 +8,7 @@ use spherecal_shared::procedure::Procedure;
 use spherecal_shared::protocol::host::{Command, Fault, FaultReport, Phase, PoseCommand, Refusal};
 
 use super::force::ForceSense;
-use super::observe::{CampaignObserver, CampaignStage};
-use super::observe::{Outcome, Rejected};
+use super::observe::{CampaignObserver, CampaignStage, Outcome, Rejected};
 use super::places::Places;
 use super::recovery::policy;
 use super::retry::{CouplingEnd, DescentEnd, Waypoints};
@@ -17,8 +16,7 @@ use super::seats::Seats;
 use super::session::{Session, Waited};
 use super::words::describe;
 use super::{Assignment, CampaignError};
-use spherecal_link::Device;
-use spherecal_link::Journal;
+use spherecal_link::{Device, Journal};
 use spherecal_plan::Visit;
 
 /// How work at a sphere ended.

@@ -10,7 +10,7 @@
 //! again and continues at the interrupted pose. It does not home. The faults differ in how long the
 //! host waits first and in whether the pose is the cause.
 
-use spherecal_link::fault_name;
+use spherecal_model::name_of;
 use spherecal_shared::protocol::host::Fault;
 
 /// What is done about a fault.
@@ -233,7 +233,7 @@ pub fn table() -> String {
         let p = policy(fault);
         text.push_str(&format!(
             "| `{}` | {} | {} | {} | {} | {} | {} |\n",
-            fault_name(fault),
+            name_of(fault),
             p.detected,
             p.within_ms,
             p.arm,
@@ -252,7 +252,7 @@ mod tests {
     // Fails if a fault is missing from the list, or twice in it.
     #[test]
     fn every_fault_has_its_policy() {
-        let names: std::collections::BTreeSet<String> = FAULTS.iter().map(|f| fault_name(*f)).collect();
+        let names: std::collections::BTreeSet<String> = FAULTS.iter().map(|f| name_of(*f)).collect();
         assert_eq!(names.len(), FAULTS.len());
         // Its last variant has the number of all before it.
         let last = postcard::to_allocvec(&FAULTS[FAULTS.len() - 1]).expect("a number");

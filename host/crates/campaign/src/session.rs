@@ -21,9 +21,8 @@ use spherecal_shared::protocol::host::{
 use super::force::{ForceSense, magnitude};
 use super::observe::{CampaignObserver, CampaignStage, Moved, Progress, TelemetrySummary};
 use super::{CampaignError, plausible};
-use spherecal_link::Journal;
 use spherecal_link::native::{DriveRecord, Monitor};
-use spherecal_link::{Arrival, Device, HostEndpoint, Timing};
+use spherecal_link::{Arrival, Device, HostEndpoint, Journal, Timing};
 use spherecal_plan::Plan;
 
 pub(super) use order::Waited;

@@ -12,8 +12,7 @@ use super::observe::{CampaignObserver, CampaignStage};
 use super::procedure::Campaign;
 use super::session::{Session, Waited};
 use super::{Assignment, CampaignError};
-use spherecal_link::{Arrival, Device};
-use spherecal_link::{Journal, JournalError};
+use spherecal_link::{Arrival, Device, Journal, JournalError};
 
 /// Time limit for an operator to lead the arm to a sphere, in s of device time.
 const LED_S: f64 = 600.0;

@@ -14,10 +14,8 @@ use spherecal_store::{CalibrationStore, NewRun, Peer, RunInfo, SessionEnd, Store
 
 use super::accuracy::StoredAccuracy;
 use super::early_end::EarlyEnd;
-use super::journal::run_key;
-use super::journal::{REPEATED_SESSION, StoreJournal};
-use super::link::Link;
-use super::link::LinkRecord;
+use super::journal::{REPEATED_SESSION, StoreJournal, run_key};
+use super::link::{Link, LinkRecord};
 use super::{Config, ConnectedDevice, Connection, JobError, Measurements, PreparedRun};
 
 /// Where and with whom a campaign is run.

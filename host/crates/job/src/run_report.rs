@@ -8,9 +8,8 @@ use spherecal_report::calibration::{
     correlation, group_table, identifiability_words, outliers, parameter_rows, residual_points,
 };
 use spherecal_report::headline::{Error, compared, files, regions};
-use spherecal_report::judged;
 use spherecal_report::{
-    ErrorSeries, ErrorTable, Headline, HistogramChart, ModelRow, PredictedAccuracy, ReportInput, WorkspacePoint,
+    ErrorSeries, ErrorTable, Headline, HistogramChart, ModelRow, PredictedAccuracy, ReportInput, WorkspacePoint, judged,
 };
 
 mod tables;

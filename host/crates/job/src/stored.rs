@@ -2,8 +2,7 @@
 
 use std::sync::Arc;
 
-use super::run_report;
-use super::{JobError, Measurements, Simulator, evaluate, read, summarise};
+use super::{JobError, Measurements, Simulator, evaluate, read, run_report, summarise};
 use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_report::render;
 use spherecal_store::{CalibrationStore, Peer, RunInfo, SqlStore, StoreError, StoreLocation};

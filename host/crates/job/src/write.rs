@@ -2,8 +2,7 @@
 
 use std::path::Path;
 
-use super::run_report;
-use super::{Evaluation, JobError, Measurements, Summary};
+use super::{Evaluation, JobError, Measurements, Summary, run_report};
 use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_model::robots;
 use spherecal_report::render;

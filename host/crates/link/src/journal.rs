@@ -1,6 +1,6 @@
 //! Where the events of a campaign are stored before they are acknowledged.
 
-use spherecal_shared::protocol::host::{Fault, SessionId};
+use spherecal_shared::protocol::host::SessionId;
 
 use crate::Arrival;
 
@@ -57,12 +57,4 @@ pub trait Journal: Send {
     /// # Errors
     /// When it could not be stored.
     fn reject(&mut self, sphere: u32, pose: u32, reason: &str) -> Result<(), JournalError>;
-}
-
-/// The name of a fault, as in files and on the wire.
-pub fn fault_name(fault: Fault) -> String {
-    serde_json::to_value(fault)
-        .ok()
-        .and_then(|v| v.as_str().map(str::to_owned))
-        .unwrap_or_default()
 }

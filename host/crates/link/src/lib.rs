@@ -43,7 +43,7 @@ use spherecal_shared::protocol::host::{LoopTiming, Refusal};
 pub use attended::Attended;
 pub use cell::{InProcess, LocalDevice, check_drive, check_hello, controller_in_process};
 pub use endpoint::{Arrival, HostEndpoint, Timing};
-pub use journal::{Journal, JournalError, fault_name};
+pub use journal::{Journal, JournalError};
 pub use keep_alive::KeepAlives;
 pub use lossy::{Injected, Lossy, LossyError};
 pub use serial::Serial;

@@ -1,8 +1,7 @@
 use spherecal_shared::robot::{built_in, iiwa7_tool};
 
 use super::*;
-use crate::{Cell, Obstacle, PlanError, Rules, plan, suggest};
-use crate::{PlanRequest, PlatePose};
+use crate::{Cell, Obstacle, PlanError, PlanRequest, PlatePose, Rules, plan, suggest};
 use spherecal_model::chain::Chain;
 
 /// Twice the kinetic energy of the arm as the tool moves along `direction` with 1 m/s and does not turn, in kg m²/s².

@@ -5,14 +5,12 @@ use maud::{Markup, PreEscaped, html};
 use spherecal_model::ContactTrace;
 
 use super::charts::{self, ChartError};
-use super::correlation_map;
 use super::headline::brief;
 use super::input::{ErrorSeries, ParameterRow, ReportInput};
 use super::parts::{
     Folds, document, error_table, file_table, outlier_table, parameter_table, provenance, simple_table, tables,
 };
-use super::space;
-use super::time_charts;
+use super::{correlation_map, space, time_charts};
 
 /// Remarks beside the answer, each by its first clause.
 const SHOWN_REMARKS: usize = 3;

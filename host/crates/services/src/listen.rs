@@ -21,8 +21,7 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::oneshot;
 
-use crate::responses::OpenConnection;
-use crate::responses::Responses;
+use crate::responses::{OpenConnection, Responses};
 use spherecal_budget::HANDSHAKE;
 use spherecal_budget::services::{CONNECTIONS, CONNECTIONS_OF_ONE_ADDRESS, WAITING};
 

@@ -6,8 +6,7 @@ use rand_distr::{Distribution as _, Normal};
 use spherecal_fci::robot as fci;
 use spherecal_fri::robot as fri;
 use spherecal_model::robots::RobotModel;
-use spherecal_shared::robot::Dynamics as _;
-use spherecal_shared::robot::{Arm, RobotError};
+use spherecal_shared::robot::{Arm, Dynamics as _, RobotError};
 use spherecal_ur::robot as ur;
 
 /// Time from one pose to the next, in s.

@@ -19,12 +19,11 @@ use sqlx::{AnyConnection, Connection as _};
 use self::rows::{columns_of, insert_rows, read_rows, run_of};
 use self::schema::{NoSource, sources_of};
 use self::seals::Seals;
-use super::acknowledged;
 use super::columns::put_digest;
 use super::digest::{self, recording_subject};
 use super::log::{Log, log_of};
 use super::seal::{RUNS, seal};
-use super::{RunInfo, SCHEMA_VERSION, SqlStore, StoreError};
+use super::{RunInfo, SCHEMA_VERSION, SqlStore, StoreError, acknowledged};
 
 mod rows;
 mod schema;

@@ -12,10 +12,9 @@ use std::collections::BTreeMap;
 use sqlx::any::{AnyRow, AnyTypeInfoKind};
 use sqlx::{AnyConnection, AssertSqlSafe, Row as _, ValueRef as _};
 
-use super::acknowledged;
 use super::columns::rows;
 use super::digest::{Digest, recording_subject};
-use super::{Damage, SqlStore, StoreError};
+use super::{Damage, SqlStore, StoreError, acknowledged};
 
 /// A table whose rows are sealed.
 #[derive(Clone, Copy, Debug)]

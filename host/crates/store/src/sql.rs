@@ -6,14 +6,15 @@ use spherecal_model::LaserShot;
 use sqlx::AssertSqlSafe;
 
 use super::columns::{put_digest, rows};
-use super::digest;
 use super::events::KnownEvent;
 use super::past::StoredPast;
 use super::seal::{
     CONTACTS, COUPLINGS, FAULTS, GREETINGS, Key, LASER, PHASES, POSES, RECORDINGS, RESULTS, RUNS, SESSIONS, SPHERES,
     Sealed, forget_removed, seal,
 };
-use super::{CalibrationStore, DatabaseKind, NewRun, Placed, RunInfo, SessionEnd, SqlStore, StoreError, StoredRun};
+use super::{
+    CalibrationStore, DatabaseKind, NewRun, Placed, RunInfo, SessionEnd, SqlStore, StoreError, StoredRun, digest,
+};
 
 const MEASURED: [Sealed; 10] = [
     SESSIONS, GREETINGS, SPHERES, POSES, RECORDINGS, CONTACTS, COUPLINGS, PHASES, FAULTS, LASER,

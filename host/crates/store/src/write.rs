@@ -3,11 +3,10 @@
 use sqlx::{AnyConnection, AssertSqlSafe, Connection as _, Row as _};
 
 use super::columns::{put_digest, rows};
-use super::digest;
 use super::file::PATIENCE;
 use super::lock::identity;
 use super::spares::seal_settings;
-use super::{DatabaseKind, NewRun, SqlStore, StoreError};
+use super::{DatabaseKind, NewRun, SqlStore, StoreError, digest};
 
 /// What is known of a session at its end, or so far.
 #[derive(Clone, Debug, Default, PartialEq)]

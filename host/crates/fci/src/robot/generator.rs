@@ -7,7 +7,7 @@ use nalgebra::{SMatrix, SVector};
 
 use super::kinematics::{flange, inverted, product};
 use super::limits::ArmLimits;
-use crate::wire::{ErrorFlag, MoveGeneratorMode, RobotCommand};
+use crate::wire::{ErrorFlag, IDENTITY, MoveGeneratorMode, RobotCommand};
 use crate::{JOINTS, PERIOD_S};
 
 /// How far the first command may be from where the arm stands, rad and m.
@@ -143,10 +143,6 @@ fn least(jacobian: &SMatrix<f64, 6, JOINTS>, by: &SVector<f64, 6>) -> SVector<f6
         .cholesky()
         .map_or_else(SVector::zeros, |c| jacobian.transpose() * c.solve(by))
 }
-
-const IDENTITY: [f64; 16] = [
-    1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
-];
 
 /// The joint angles near `q` that bring the flange to this pose.
 fn solved(goal: &[f64; 16], q: [f64; JOINTS]) -> [f64; JOINTS] {

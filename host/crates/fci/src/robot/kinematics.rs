@@ -1,6 +1,7 @@
 //! Nominal kinematics of Panda and FR3: the robot computes `O_T_EE` with them from its measured joints.
 
 use crate::JOINTS;
+use crate::wire::IDENTITY;
 
 /// Modified DH parameters after Craig: a (m), d (m), alpha (rad) of each joint. Both arms have the same.
 const MDH: [(f64, f64, f64); JOINTS] = {
@@ -20,9 +21,7 @@ const FLANGE_M: f64 = 0.107;
 
 /// The flange in the base frame, a column-major 4 x 4 matrix.
 pub(super) fn flange(q: &[f64; JOINTS]) -> [f64; 16] {
-    let mut pose = [
-        1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
-    ];
+    let mut pose = IDENTITY;
     for ((a, d, alpha), q) in MDH.iter().zip(q) {
         let ((sa, ca), (sq, cq)) = (alpha.sin_cos(), q.sin_cos());
         let link = [

@@ -27,6 +27,7 @@ pub use errors::{ErrorFlag, ErrorSet};
 pub use modes::{ControllerMode, MotionGeneratorMode, MoveControllerMode, MoveGeneratorMode, RobotMode};
 pub use request::{CollisionBehavior, ConnectAnswer, Deviation, FlangeLoad, MoveRequest, Request};
 pub use status::{Response, Status};
+pub(crate) use udp::IDENTITY;
 pub use udp::{MAX_COMMAND_SIZE, MAX_STATE_SIZE, RobotCommand, RobotState, StateField};
 pub use version::Version;
 

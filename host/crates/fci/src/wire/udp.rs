@@ -129,7 +129,7 @@ macro_rules! state {
     };
 }
 
-const IDENTITY: [f64; 16] = [
+pub(crate) const IDENTITY: [f64; 16] = [
     1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
 ];
 

@@ -5,9 +5,8 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use spherecal_cyclic::JointArm;
-use spherecal_cyclic::Machine;
 use spherecal_cyclic::testing::{LOCAL, World, joint_impedance};
+use spherecal_cyclic::{JointArm, Machine};
 use spherecal_fri::client::{Client, ClientConfig, ClientError, Cycle, MonitoredState, TorqueLimits};
 use spherecal_fri::robot::{CabinetConfig, CabinetSide, START, joint_arm, start_cabinet};
 use spherecal_fri::wire::SessionState;

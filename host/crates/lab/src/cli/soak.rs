@@ -5,8 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::soak::{Soak, soak};
-use spherecal::cli::{CliError, Exit};
-use spherecal::cli::{ProgressView, interrupt};
+use spherecal::cli::{CliError, Exit, ProgressView, interrupt};
 use spherecal::simulated::prepare;
 use spherecal::{out, outln};
 use spherecal_job::{self as job, Link, Site};

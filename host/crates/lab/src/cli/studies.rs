@@ -3,8 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use clap::builder::PossibleValuesParser;
-use clap::builder::TypedValueParser as _;
+use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 
 use super::sharding::{self, ShardArgs, ShardFolder};
 use crate::reproduce::{ManyOptions, merge_many, reproduce as study, reproduce_many};

@@ -171,11 +171,7 @@ impl InjectionOutcome {
         let (broken, after_ms) = broken(preset, trial);
         Self {
             label,
-            told: trial
-                .faults
-                .iter()
-                .map(|f| spherecal_link::fault_name(f.fault))
-                .collect(),
+            told: trial.faults.iter().map(|f| spherecal_model::name_of(f.fault)).collect(),
             ended: trial.ended.clone(),
             after_ms,
             resumed: trial.resumed,

@@ -9,9 +9,8 @@ use serde::{Deserialize, Serialize};
 use super::{ReproduceError, Reproduction, reproduce};
 use crate::shards::{self, ShardError, ShardedStudy};
 use crate::worlds::{AlignedErrors, World, record};
-use spherecal_identify::Estimator;
-use spherecal_identify::Recordings;
 use spherecal_identify::validate::Alignment;
+use spherecal_identify::{Estimator, Recordings};
 use spherecal_model::statistics::quantile;
 
 /// Which robots.

@@ -4,9 +4,8 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use spherecal_cyclic::JointArm;
 use spherecal_cyclic::testing::World;
-use spherecal_cyclic::{Machine, this_machine};
+use spherecal_cyclic::{JointArm, Machine, this_machine};
 use spherecal_fci::client::{ClientConfig, EndCause};
 use spherecal_fci::robot::{ArmLimits, FR3_URDF, READY, RobotConfig, RobotSide, Tolerance, joint_arm, start_robot};
 use spherecal_fci::wire::{ErrorFlag, Version};

@@ -5,9 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use spherecal_cyclic::JointArm;
 use spherecal_cyclic::testing::World;
-use spherecal_cyclic::{Machine, this_machine};
+use spherecal_cyclic::{JointArm, Machine, this_machine};
 use spherecal_fri::client::{ClientConfig, EndCause, TorqueLimits};
 use spherecal_fri::robot::{
     ArmCommand, ArmHardware, ArmState, CabinetConfig, CabinetSide, START, Tolerance, joint_arm, start_cabinet,

@@ -4,14 +4,13 @@
 //! Code that needs the nominal kinematics on slices uses [`Chain`]: the planner, the laser
 //! tracker's plan and arcs, the campaign's retreat.
 
-use spherecal_shared::robot::RobotError;
+use spherecal_shared::robot::{JointLimits, LinkTransform, MdhRow, Pose, Robot, RobotError, Tool};
 
 mod ik;
 
 use nalgebra::{Matrix3, Matrix6xX, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 use spherecal_shared::robot::elbow::elbow;
 use spherecal_shared::robot::kinematics::frames_into;
-use spherecal_shared::robot::{JointLimits, LinkTransform, MdhRow, Pose, Robot, Tool};
 use spherecal_shared::{MAX_CHAIN, MAX_JOINTS};
 
 pub use ik::IK_TOLERANCE;

@@ -2,11 +2,9 @@
 
 use std::collections::HashMap;
 
-use super::columns::ColumnRole;
-use super::columns::TableFormat;
+use super::columns::{ColumnRole, TableFormat};
 use super::error::InputError;
-use super::header_names::Carrier;
-use super::header_names::{angle_unit, fixed, is_other, plain};
+use super::header_names::{Carrier, angle_unit, fixed, is_other, plain};
 use super::mapping::{ColumnMapping, Meaning};
 use super::orientation::Orientation;
 use crate::excerpt;

@@ -3,8 +3,9 @@
 use super::cells::{Decimals, NumberError, SeenSign, SplitError, Splitter, no_value};
 use super::columns::{ColumnRole, TableFormat, TableHeader};
 use super::error::InputError;
+use super::lines::{LineError, MOST_LINE_BYTES};
 use super::table::{Labels, NONE, RowFields, Table, rotation};
-use crate::{Set, excerpt};
+use crate::{FileError, Set, excerpt};
 
 /// Longest name of a place or value of a label, in characters.
 const MOST_LETTERS: usize = 100;
@@ -332,6 +333,24 @@ pub(super) fn refuse_line(file: &str, line: u64, what: &str, remedy: &str) -> In
         line,
         what: what.to_owned(),
         remedy: remedy.to_owned(),
+    }
+}
+
+/// A line of the file that cannot be had.
+pub(super) fn line_error(file: &str, error: LineError) -> InputError {
+    match error {
+        LineError::System(source) => FileError::system(file, source).into(),
+        LineError::Encoding(source) => FileError::Encoding {
+            path: file.to_owned(),
+            source,
+        }
+        .into(),
+        LineError::TooLong(line) => refuse_line(
+            file,
+            line,
+            &format!("is longer than {MOST_LINE_BYTES} bytes"),
+            "give one row per line, without other data in it",
+        ),
     }
 }
 

@@ -26,13 +26,13 @@ use std::path::Path;
 
 use super::cells::{Splitter, separator};
 use super::columns::{TableFormat, TableHeader};
-use super::csv_row::{RowReader, refuse_line, split_error};
+use super::csv_row::{RowReader, line_error, split_error};
 use super::error::InputError;
 use super::header::header;
-use super::lines::{LineError, Lines, MOST_LINE_BYTES};
+use super::lines::{LineError, Lines};
 use super::plausible;
 use super::table::{Labels, Table};
-use crate::{FileError, open_regular};
+use crate::open_regular;
 
 /// Largest table that is read, in bytes.
 pub const MOST_FILE_BYTES: u64 = 2 << 30;
@@ -85,20 +85,7 @@ fn read(
     places: &mut Labels,
     progress: &mut dyn FnMut(ReadingProgress),
 ) -> Result<Table, InputError> {
-    let failed = |error: LineError| match error {
-        LineError::System(source) => FileError::system(file, source).into(),
-        LineError::Encoding(source) => FileError::Encoding {
-            path: file.to_owned(),
-            source,
-        }
-        .into(),
-        LineError::TooLong(line) => refuse_line(
-            file,
-            line,
-            &format!("is longer than {MOST_LINE_BYTES} bytes"),
-            "give one row per line, without other data in it",
-        ),
-    };
+    let failed = |error| line_error(file, error);
     let mut lines = Lines::new(source).map_err(failed)?;
     let (mut splitter, header, separator) = begin(file, &mut lines, format, failed)?;
     let mut reader = RowReader::new(file, &header, separator, format);

@@ -14,14 +14,14 @@ use std::io::Read;
 use super::cells::{Splitter, no_value, separator};
 use super::column_plan::{OutColumn, Plan};
 use super::columns::TableFormat;
-use super::csv_row::{refuse_line, split_error};
+use super::csv_row::{line_error, split_error};
 use super::csv_table::comment as is_comment;
 use super::error::InputError;
 use super::header_names::decimal;
-use super::lines::{LineError, Lines, MOST_LINE_BYTES};
+use super::lines::Lines;
 use super::mapping::ColumnMapping;
 use super::orientation::Orientation;
-use crate::{FileError, excerpt};
+use crate::excerpt;
 
 /// A table put right.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -95,20 +95,7 @@ pub fn recorded(
     format: &TableFormat,
     mapping: &ColumnMapping,
 ) -> Result<Recorded, InputError> {
-    let failed = |error: LineError| match error {
-        LineError::System(source) => FileError::system(file, source).into(),
-        LineError::Encoding(source) => FileError::Encoding {
-            path: file.to_owned(),
-            source,
-        }
-        .into(),
-        LineError::TooLong(line) => refuse_line(
-            file,
-            line,
-            &format!("is longer than {MOST_LINE_BYTES} bytes"),
-            "give one row per line, without other data in it",
-        ),
-    };
+    let failed = |error| line_error(file, error);
     let mut lines = Lines::new(source).map_err(failed)?;
     let mut out = Recorded::default();
     // The last comment, as a header may be written, and where it stands in `out`.

@@ -10,8 +10,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 
 use super::convert;
-use super::operate::{DeviceFactory, Newest, RobotFacts};
-use super::operate::{NextOrder, operate};
+use super::operate::{DeviceFactory, Newest, NextOrder, RobotFacts, operate};
 use super::proto::robot_controller_server::RobotController;
 use super::proto::{
     ControllerTurn, DescribeRequest, HostTurn, JointLimit, Order, Outcome, RobotDescription, RobotState, WatchRequest,

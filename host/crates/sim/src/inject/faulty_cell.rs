@@ -11,12 +11,10 @@ use spherecal_shared::protocol::frame::{LinkCounters, MAX_FRAME};
 use spherecal_shared::protocol::host::Phase;
 
 use super::fault::InjectedFault;
-use super::host_faults::HostFaults;
-use super::host_faults::{HostKilled, end_process};
+use super::host_faults::{HostFaults, HostKilled, end_process};
 use super::listener::PhaseListener;
 use super::plan::{FaultPlan, InjectError};
-use super::scheduler::FaultyDrive;
-use super::scheduler::Scheduler;
+use super::scheduler::{FaultyDrive, Scheduler};
 use spherecal_link::{Controller, Device, LinkError, Lossy, check_hello};
 
 use crate::lossy::{InjectedCounter, LossyLink};

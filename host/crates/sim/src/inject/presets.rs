@@ -353,7 +353,7 @@ pub fn table() -> String {
         let faults: Vec<String> = preset
             .faults
             .iter()
-            .map(|f| format!("`{}`", spherecal_link::fault_name(*f)))
+            .map(|f| format!("`{}`", spherecal_model::name_of(*f)))
             .collect();
         text.push_str(&format!(
             "| `{}` | {} | {} | {} | {} |\n",

@@ -147,7 +147,7 @@ impl Seals {
             };
             copied.insert("run", SealedValue::Whole(*run));
             copied.insert("state", SealedValue::Text(state.to_owned()));
-            let row = COLUMNS.iter().filter_map(|name| copied.get(name).cloned()).collect();
+            let row = columns().filter_map(|name| copied.get(name).cloned()).collect();
             if is_readable(&row) {
                 good.push(row);
                 recovered.settings_restored.push(*run);
@@ -229,25 +229,21 @@ pub(super) fn without(rows: &[StoredRow], kept: &[StoredRow]) -> u64 {
 
 /// Whether a row of `runs` holds robot, tool and plan in a form that can be read.
 fn is_readable(row: &StoredRow) -> bool {
-    let json = COLUMNS.iter().zip(row).filter(|(name, _)| name.ends_with("_json"));
+    let json = columns().zip(row).filter(|(name, _)| name.ends_with("_json"));
     let readable = |value: &SealedValue| match value {
         SealedValue::Text(text) => serde_json::from_str::<serde::de::IgnoredAny>(text).is_ok(),
         _ => false,
     };
-    row.len() == COLUMNS.len() && json.map(|(_, value)| value).all(readable)
+    row.len() == SPARED.len() + 2 && json.map(|(_, value)| value).all(readable)
 }
 
-const COLUMNS: [&str; 12] = [
-    "run",
-    "created_utc",
-    "seed",
-    "link",
-    "robot",
-    "robot_json",
-    "tool_json",
-    "config_toml",
-    "plan_json",
-    "program",
-    "state",
-    "arm",
-];
+/// The columns of `runs`.
+fn columns() -> impl Iterator<Item = &'static str> {
+    let (arm, others) = (SPARED.len() - 1, SPARED.into_iter());
+    let arm = others.clone().skip(arm);
+    ["run"]
+        .into_iter()
+        .chain(others.take(SPARED.len() - 1))
+        .chain(["state"])
+        .chain(arm)
+}

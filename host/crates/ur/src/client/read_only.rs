@@ -5,12 +5,11 @@ use std::collections::VecDeque;
 use super::rtde::Rtde;
 use super::state::FIELDS;
 use super::{ClientConfig, ClientError, RobotState};
-use crate::wire::{Answer, ControllerVersion, Recipe, Series, TextMessage, WireError};
+use crate::wire::{Answer, ControllerVersion, PackageKind, Reader, Series, TextMessage};
 
 /// A connection that only reads. After the negotiation it sends nothing, so a person can guide the arm.
 pub struct ReadOnlyClient {
     rtde: Rtde,
-    recipe: Recipe,
     /// Number of the recipe on the wire.
     number: u8,
     /// States that have come and were not handed out.
@@ -29,9 +28,6 @@ impl ReadOnlyClient {
         rtde.start()?;
         Ok(Self {
             rtde,
-            recipe: Recipe {
-                fields: FIELDS.iter().map(|(name, kind)| ((*name).to_owned(), *kind)).collect(),
-            },
             number,
             states: VecDeque::new(),
             skipped: 0,
@@ -52,9 +48,9 @@ impl ReadOnlyClient {
             let wait = self.states.is_empty().then_some(deadline);
             match self.rtde.next(wait)? {
                 Some(Answer::Data(number, values)) if number == self.number => {
-                    let state = RobotState::of(&self.recipe.decode(&values)?);
-                    self.states
-                        .push_back(state.ok_or(WireError::NotFinite { field: "data package" })?);
+                    let mut bytes = Reader::new(&values, PackageKind::Data.name());
+                    self.states.push_back(RobotState::read(&mut bytes)?);
+                    bytes.end()?;
                     if self.states.len() > most {
                         self.states.pop_front();
                         self.skipped += 1;

@@ -2,7 +2,7 @@
 
 use super::Unready;
 use crate::JOINTS;
-use crate::wire::{FieldType, RobotMode, RuntimeState, SafetyMode, Value, words};
+use crate::wire::{FieldType, Reader, RobotMode, RuntimeState, SafetyMode, WireError, words};
 
 /// The fields that the client reads, in this order.
 pub(super) const FIELDS: [(&str, FieldType); 6] = [
@@ -13,6 +13,13 @@ pub(super) const FIELDS: [(&str, FieldType); 6] = [
     ("safety_mode", FieldType::Int32),
     ("runtime_state", FieldType::Uint32),
 ];
+
+/// Refuses a number that is not finite.
+pub(super) fn finite<'a>(mut numbers: impl Iterator<Item = &'a f64>) -> Result<(), WireError> {
+    let field = "data package";
+    let all = numbers.all(|number| number.is_finite());
+    all.then_some(()).ok_or(WireError::NotFinite { field })
+}
 
 /// The robot at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -32,28 +39,19 @@ pub struct RobotState {
 }
 
 impl RobotState {
-    /// The state that these values of [`FIELDS`] say; `None` if one has another type or is not finite.
-    pub(super) fn of(values: &[Value]) -> Option<Self> {
-        let &[
-            Value::Double(timestamp),
-            Value::Vector6D(actual_q),
-            Value::Vector6D(actual_qd),
-            Value::Int32(robot_mode),
-            Value::Int32(safety_mode),
-            Value::Uint32(runtime_state),
-        ] = values
-        else {
-            return None;
+    /// The state that the values of [`FIELDS`] say.
+    pub(super) fn read(bytes: &mut Reader<'_>) -> Result<Self, WireError> {
+        let state = Self {
+            timestamp: bytes.f64("timestamp")?,
+            actual_q: bytes.doubles("actual_q")?,
+            actual_qd: bytes.doubles("actual_qd")?,
+            robot_mode: bytes.i32("robot_mode")?,
+            safety_mode: bytes.i32("safety_mode")?,
+            runtime_state: bytes.i32("runtime_state")?,
         };
-        let mut numbers = actual_q.iter().chain(&actual_qd).chain([&timestamp]);
-        numbers.all(|number| number.is_finite()).then_some(Self {
-            timestamp,
-            actual_q,
-            actual_qd,
-            robot_mode,
-            safety_mode,
-            runtime_state: i32::try_from(runtime_state).unwrap_or(i32::MAX),
-        })
+        let numbers = state.actual_q.iter().chain(&state.actual_qd);
+        finite(numbers.chain([&state.timestamp]))?;
+        Ok(state)
     }
 
     /// Why nobody can guide the arm by hand now, if so. A mode that is unknown here counts as a stop.

@@ -2,6 +2,7 @@
 
 use super::channel::Channel;
 use super::rtde::{Fields, Rtde};
+use super::state::finite;
 use super::{ClientConfig, ClientError, RobotState};
 use crate::JOINTS;
 use crate::wire::{
@@ -36,27 +37,13 @@ pub struct TorqueState {
 
 impl TorqueState {
     fn read(bytes: &mut Reader<'_>) -> Result<Self, WireError> {
-        let robot = RobotState {
-            timestamp: bytes.f64("timestamp")?,
-            actual_q: bytes.doubles("actual_q")?,
-            actual_qd: bytes.doubles("actual_qd")?,
-            robot_mode: bytes.i32("robot_mode")?,
-            safety_mode: bytes.i32("safety_mode")?,
-            runtime_state: bytes.i32("runtime_state")?,
-        };
         let state = Self {
-            robot,
+            robot: RobotState::read(bytes)?,
             motor_torque: bytes.doubles("actual_current_as_torque")?,
             acknowledged: bytes.i32(ACKNOWLEDGED)?,
         };
-        let mut numbers = (robot.actual_q.iter().chain(&robot.actual_qd)).chain(&state.motor_torque);
-        let finite = numbers.all(|number| number.is_finite()) && robot.timestamp.is_finite();
-        let field = "data package";
-        if finite {
-            Ok(state)
-        } else {
-            Err(WireError::NotFinite { field })
-        }
+        finite(state.motor_torque.iter())?;
+        Ok(state)
     }
 }
 

@@ -7,14 +7,10 @@ use std::time::{Duration, Instant};
 
 use spherecal_cyclic::{Listener, PeriodClock, Process, Published, Side};
 
-use super::controls::RobotConfig;
-use super::controls::{ArmCommand, ArmHardware};
-use super::controls::{Controls, RobotStatistics};
+use super::controls::{ArmCommand, ArmHardware, Controls, RobotConfig, RobotStatistics};
 use super::outputs::{Outputs, known};
-use super::ports::{Ports, open};
-use super::ports::{Session, Wanted};
-use super::programs::Step;
-use super::programs::{Program, torque_order};
+use super::ports::{Ports, Session, Wanted, open};
+use super::programs::{Program, Step, torque_order};
 use super::registers::Registers;
 use crate::wire::{
     Answer, MAX_NAMES, MAX_REQUEST, NOT_FOUND, PROTOCOL, Recipe, Request, RobotMode, RuntimeState, SafetyMode, Setup,

@@ -11,7 +11,7 @@ pub(crate) struct Bytes<'a> {
 
 impl<'a> Bytes<'a> {
     /// All of `left`; `kind` is for errors.
-    pub(super) fn new(left: &'a [u8], kind: &'static str) -> Self {
+    pub(crate) fn new(left: &'a [u8], kind: &'static str) -> Self {
         Self { left, kind }
     }
 
@@ -74,7 +74,7 @@ impl<'a> Bytes<'a> {
     }
 
     /// Nothing may be left.
-    pub(super) fn end(self) -> Result<(), WireError> {
+    pub(crate) fn end(self) -> Result<(), WireError> {
         match self.left.len() {
             0 => Ok(()),
             left => Err(WireError::TooLong { kind: self.kind, left }),

@@ -4,8 +4,7 @@ use proptest::prelude::*;
 use prost::Message as _;
 use spherecal_fri::wire::*;
 
-use super::reference as r;
-use super::{encoded, reference_sample, sample, values};
+use super::{encoded, reference as r, reference_sample, sample, values};
 
 // Fails if fields that a cabinet sends beside stop the decoder, or packed values are not read.
 #[test]
