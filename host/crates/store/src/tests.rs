@@ -198,7 +198,7 @@ fn an_older_schema_is_brought_up_to_date() {
     for _ in 0..2 {
         let mut store = SqlStore::open(&path).expect("brought up to date");
         let info = store.require_last_run().expect("the run");
-        assert_eq!((info.run, info.arm.as_str()), (run, ""));
+        assert_eq!((info.run, info.about.arm.as_str()), (run, ""));
     }
     let bytes = std::fs::read(&path).expect("read");
     assert_eq!(

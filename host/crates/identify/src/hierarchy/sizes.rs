@@ -103,17 +103,17 @@ fn mean_of(family: Family, parameter: &Parameter) -> f64 {
 pub(crate) struct Size {
     pub(crate) family: Family,
     /// Members: position among the unknowns, and factor.
-    pub(super) members: Vec<(usize, f64)>,
+    members: Vec<(usize, f64)>,
     /// Median of the hyperprior, SI unit of the members.
-    pub(super) ordinary: f64,
+    ordinary: f64,
     /// Standard deviation of its logarithm.
-    pub(super) spread: f64,
+    spread: f64,
     /// The present size.
     pub(crate) now: f64,
     /// Mean of the members by their size.
-    pub(super) mean: f64,
+    mean: f64,
     /// Weights of seats, by three members, of Student's t: a coupling that sat badly does not make the others uncertain.
-    pub(super) weights: Vec<f64>,
+    weights: Vec<f64>,
 }
 
 impl Size {
@@ -225,7 +225,8 @@ impl Sizes {
             let next = if size.mean == 0.0 {
                 penalised(sum, numbers, size.ordinary.ln(), size.spread, size.now.ln())
             } else {
-                springs::size(&size.measured(unknowns, root), size.ordinary.ln(), size.spread)
+                let told = springs::measured(&size.members, (size.now, size.mean), &unknowns.deviation, root);
+                springs::size(&told, size.ordinary.ln(), size.spread)
             };
             let before = size.now;
             moved = moved.max((next - size.now.ln()).abs());

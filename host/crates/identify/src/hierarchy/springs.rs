@@ -3,8 +3,6 @@
 use nalgebra::{DMatrix, DVector, DVectorView};
 
 use super::highest;
-use super::sizes::Size;
-use crate::solve::Unknowns;
 
 /// Least share of a combination that the data tell: with less, the measurement is lost in rounding.
 const LEAST_TOLD: f64 = 1e-6;
@@ -13,32 +11,34 @@ const GRID: (i32, f64) = (30, 3.0);
 /// Steps by the golden ratio between two of them, to 1e-5 of the size.
 const GOLDEN_STEPS: usize = 20;
 
-impl Size {
-    /// What the data tell of the members: measurements along the axes of their covariance, which are independent. `Rᵀ R` is the
-    /// covariance of all unknowns.
-    pub(super) fn measured(&self, unknowns: &Unknowns, root: &DMatrix<f64>) -> Vec<Measured> {
-        let of_size = |&(_, factor): &(usize, f64)| (self.now * factor).recip();
-        let columns: Vec<_> = self.members.iter().map(|m| root.column(m.0) * of_size(m)).collect();
-        let count = columns.len();
-        let axes = DMatrix::from_fn(count, count, |i, k| columns[i].dot(&columns[k])).symmetric_eigen();
-        let deviation = DVector::from_fn(count, |k, _| {
-            unknowns.deviation[self.members[k].0] * of_size(&self.members[k])
-        });
-        let along = |(axis, &left): (DVectorView<'_, f64>, &f64)| {
-            let told = 1.0 - left;
-            let mean = self.mean * axis.sum();
-            (told > LEAST_TOLD).then(|| Measured {
-                value: self.now * (axis.dot(&deviation) / told + mean),
-                variance: self.now.powi(2) * left.max(0.0) / told,
-                mean,
-            })
-        };
-        axes.eigenvectors
-            .column_iter()
-            .zip(&axes.eigenvalues)
-            .filter_map(along)
-            .collect()
-    }
+/// What the data tell of the members of a group of size `now`, by position among the unknowns and factor: measurements along the
+/// axes of their covariance, which are independent. `mean` is that of a member by the size, `deviation` what the estimate is from
+/// it, `Rᵀ R` the covariance of all unknowns.
+pub(super) fn measured(
+    members: &[(usize, f64)],
+    (now, mean): (f64, f64),
+    deviation: &[f64],
+    root: &DMatrix<f64>,
+) -> Vec<Measured> {
+    let count = members.len();
+    let by_size = |k: usize| (now * members[k].1).recip();
+    let columns: Vec<_> = (0..count).map(|k| root.column(members[k].0) * by_size(k)).collect();
+    let axes = DMatrix::from_fn(count, count, |i, k| columns[i].dot(&columns[k])).symmetric_eigen();
+    let deviation = DVector::from_fn(count, |k, _| deviation[members[k].0] * by_size(k));
+    let along = |(axis, &left): (DVectorView<'_, f64>, &f64)| {
+        let told = 1.0 - left;
+        let mean = mean * axis.sum();
+        (told > LEAST_TOLD).then(|| Measured {
+            value: now * (axis.dot(&deviation) / told + mean),
+            variance: now.powi(2) * left.max(0.0) / told,
+            mean,
+        })
+    };
+    axes.eigenvectors
+        .column_iter()
+        .zip(&axes.eigenvalues)
+        .filter_map(along)
+        .collect()
 }
 
 /// What the data tell of a combination of members of a group whose mean follows its size.
@@ -70,9 +70,7 @@ pub(super) fn size(measured: &[Measured], middle: f64, spread: f64) -> f64 {
 mod tests {
     use nalgebra::DMatrix;
 
-    use super::super::sizes::{Family, Size};
-    use super::{Measured, size};
-    use crate::solve::Unknowns;
+    use super::{Measured, measured, size};
 
     /// The size of springs that are measured as `(value, variance)`.
     fn size_of(springs: &[(f64, f64)]) -> f64 {
@@ -107,26 +105,14 @@ mod tests {
     // but that their sum is 0.1 ± 0.01 are no more evidence than that one number.
     #[test]
     fn a_sum_of_springs_is_one_measurement() {
-        let (count, now) = (12, 1e-3);
-        let group = Size {
-            family: Family::Bending,
-            members: (0..count).map(|k| (k, 1.0)).collect(),
-            ordinary: now,
-            spread: 3.0_f64.ln(),
-            now,
-            mean: 1.0,
-            weights: Vec::new(),
-        };
+        let (count, now) = (12, 1e-3_f64);
+        let members: Vec<_> = (0..count).map(|k| (k, 1.0)).collect();
         let precision = DMatrix::from_fn(count, count, |i, k| 1e4 + f64::from(u8::from(i == k)) * now.powi(-2));
         let covariance = precision.try_inverse().expect("regular");
         let pull = 1e4 * (0.1 - count as f64 * now);
-        let unknowns = Unknowns {
-            columns: (0..count).collect(),
-            precision: vec![now.powi(-2); count],
-            deviation: covariance.row_iter().map(|row| row.sum() * pull).collect(),
-        };
+        let deviation: Vec<f64> = covariance.row_iter().map(|row| row.sum() * pull).collect();
         let root = covariance.cholesky().expect("positive").l().transpose();
-        let measured = group.measured(&unknowns, &root);
+        let measured = measured(&members, (now, 1.0), &deviation, &root);
         assert_eq!(measured.len(), 1);
         let sum = (count as f64).sqrt() * measured[0].value.abs();
         assert!((sum / 0.1 - 1.0).abs() < 1e-6, "{sum}");
