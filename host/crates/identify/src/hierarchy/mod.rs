@@ -42,7 +42,7 @@ use super::load::Nominal;
 use super::normal::{Group, Normal, Own, Whitening, accumulate, distances, groups, log_determinant};
 use super::options::{Model, Options};
 use super::parameter_table::table;
-use super::parameters::{Layout, Parameter};
+use super::parameters::{Kind, Layout, Parameter};
 use super::seen::RowPart;
 use super::solve::{Posterior, Unknowns};
 use spherecal_model::{Experiment, Set};
@@ -285,30 +285,25 @@ impl Found<'_> {
 }
 
 impl<'a> Search<'a> {
-    fn equations(&self) -> Normal {
-        accumulate(
-            &self.state,
-            self.layout,
-            self.prepared,
-            &self.groups,
-            &self.noise.whitening,
-            &self.weights,
-        )
+    /// The normal equations at a state.
+    fn equations(&self, state: &State, layout: &Layout) -> Normal {
+        let Self {
+            groups, noise, weights, ..
+        } = self;
+        accumulate(state, layout, self.prepared, groups, &noise.whitening, weights)
     }
 
-    /// What the data determine of geometry, tool and base, at the start and with equal weights.
+    /// What the data determine of geometry, tool and base, at the start and with equal weights. The links are stiff here: how the
+    /// prior expects them to bend would tell apart what geometry cannot, a joint's zero and a tool on its axis.
     fn identifiability(&self, experiment: &Experiment, options: &Options) -> Result<Identifiability, IdentifyError> {
         let layout = Layout::new(experiment, 0, false);
         let table = table(experiment, &layout, options)?;
-        let normal = accumulate(
-            &self.state,
-            &layout,
-            self.prepared,
-            &self.groups,
-            &self.noise.whitening,
-            &self.weights,
-        );
-        Ok(analyse(&normal, &table, self.prepared.len()))
+        let mut stiff = self.state.clone();
+        for bending in self.table.iter().filter(|p| matches!(p.kind, Kind::Bending(..))) {
+            stiff.add(bending.kind, -bending.nominal);
+        }
+        stiff.refresh();
+        Ok(analyse(&self.equations(&stiff, &layout), &table, self.prepared.len()))
     }
 
     /// Rounds until nothing moves.
@@ -316,7 +311,7 @@ impl<'a> Search<'a> {
         let mut rounds = 0;
         loop {
             self.sizes.apply(&mut self.unknowns);
-            let normal = self.equations();
+            let normal = self.equations(&self.state, self.layout);
             let posterior = Posterior::new(&normal, &self.unknowns, 1.0)?;
             let (step, _) = posterior.step(&normal, &self.unknowns, 1.0);
             self.advance(&step);
