@@ -124,14 +124,16 @@ impl<const N: usize> AnswerWatch<N> {
         if f64::from(self.shows) * period_s <= DWELL_S {
             return None;
         }
-        // Of two with a part each, the longer one counts unless it has less.
-        let mut longest = 0;
+        // Of two neighbours with a part each, the longer one counts unless it has less. A ripple that repeats within a few ticks is
+        // alike at other delays, too, and tells none.
+        let (mut shortest, mut longest) = (MOST, 0);
         for (delay, common) in self.common.iter().enumerate() {
             if 2.0 * (common - expected) > most {
+                shortest = shortest.min(delay);
                 longest = delay;
             }
         }
-        (longest > known).then_some(longest)
+        (longest > known && longest <= shortest + 1).then_some(longest)
     }
 }
 
@@ -189,6 +191,17 @@ mod tests {
             watch.push(&sent(tick), &measured, 0, 1e-3)
         });
         assert_eq!(found, Some(4));
+    }
+
+    // Fails if a torque that changes its sign with each tick, which is the same at every second delay, shows one.
+    #[test]
+    fn a_ripple_shows_no_delay() {
+        let mut watch = AnswerWatch::<3>::default();
+        let found = (0..2000u64).find_map(|tick| {
+            let ripple = if tick % 2 == 0 { 0.05 } else { -0.05 };
+            watch.push(&[ripple; 3], &[-ripple; 3], 0, 1e-3)
+        });
+        assert_eq!(found, None);
     }
 
     // Fails if a delay that is known is reported, or one that is not there: of a prompt drive, of noise alone, or of a
