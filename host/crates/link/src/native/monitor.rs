@@ -46,15 +46,15 @@ pub struct DriveRecord {
 impl DriveRecord {
     /// Adds what a later session counted.
     pub fn add(&mut self, other: &Self) {
-        self.cycles += other.cycles;
-        self.missed += other.missed;
+        self.cycles = self.cycles.saturating_add(other.cycles);
+        self.missed = self.missed.saturating_add(other.missed);
         self.longest_gap = self.longest_gap.max(other.longest_gap);
-        self.late += other.late;
-        self.rate_limited += other.rate_limited;
-        self.torque_limited += other.torque_limited;
-        self.stops += other.stops;
-        self.recoveries += other.recoveries;
-        self.reconnects += other.reconnects;
+        self.late = self.late.saturating_add(other.late);
+        self.rate_limited = self.rate_limited.saturating_add(other.rate_limited);
+        self.torque_limited = self.torque_limited.saturating_add(other.torque_limited);
+        self.stops = self.stops.saturating_add(other.stops);
+        self.recoveries = self.recoveries.saturating_add(other.recoveries);
+        self.reconnects = self.reconnects.saturating_add(other.reconnects);
         self.turnaround.add(&other.turnaround);
         self.jitter.add(&other.jitter);
     }
