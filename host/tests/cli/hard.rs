@@ -88,14 +88,7 @@ fn all_finish(cases: &[(&str, &str, &str)], poses: u32) {
             serde_json::from_slice(&run.stdout).unwrap_or_else(|_| panic!("{name}: {}", text(&run.stderr)));
         let faults = summary["faults"].as_array().map_or(99, Vec::len);
         println!("{name}: {} poses, {faults} faults", summary["poses"]["recorded"]);
-        // Cables pull the light wrist of an FR3 from its sphere: there one pose in 30 may be given up.
-        let least = if *name == "fr3, cables" {
-            poses - poses / 30
-        } else {
-            poses
-        };
-        let recorded = summary["poses"]["recorded"].as_u64().unwrap_or_default();
-        assert!(recorded >= u64::from(least), "{name}: {}", text(&run.stderr));
+        assert_eq!(summary["poses"]["recorded"], poses, "{name}: {}", text(&run.stderr));
         assert!(faults <= 2, "{name}: {}", summary["faults"]);
     }
 }
