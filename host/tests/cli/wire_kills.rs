@@ -186,10 +186,10 @@ fn a_cabinet(config: &Config) -> (String, CabinetSide) {
     (format!("fri:{client}"), cabinet)
 }
 
-/// Ends the application of a cabinet.
-struct Ending(Arc<AtomicBool>);
+/// Ends the application of a cabinet, also when a test fails.
+struct Ends(Arc<AtomicBool>);
 
-impl Drop for Ending {
+impl Drop for Ends {
     fn drop(&mut self) {
         self.0.store(true, Ordering::Relaxed);
     }
@@ -204,17 +204,8 @@ fn long_a_host_killed_at_any_instant_over_the_fast_robot_interface_goes_on() {
         let ended = Arc::new(AtomicBool::new(false));
         let end = Arc::clone(&ended);
         std::thread::spawn(move || application(&cabinet, &end));
-        (link, Ending(ended))
+        (link, Ends(ended))
     });
-}
-
-/// Ends the application, also when a test fails.
-struct Ends<'a>(&'a AtomicBool);
-
-impl Drop for Ends<'_> {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
 }
 
 // Fails if a cabinet whose client is killed goes on moving, a torque comes after that, a recording is lost, or `--resume`
@@ -227,9 +218,9 @@ fn long_a_host_killed_over_the_fast_robot_interface_goes_on() {
     let (link, cabinet) = a_cabinet(&config);
     let database = folder.path().join("cell/calibration.db");
     let moving = || cabinet.statistics().session == Some(SessionState::CommandingActive);
-    let ended = AtomicBool::new(false);
+    let ended = Arc::new(AtomicBool::new(false));
     std::thread::scope(|scope| {
-        let _ends = Ends(&ended);
+        let _ends = Ends(Arc::clone(&ended));
         scope.spawn(|| application(&cabinet, &ended));
         let mut host = measure(folder.path(), &link, &["--config", "cell.toml"]);
         until("a recording", &mut host, || moving() && !recorded(&database).is_empty());

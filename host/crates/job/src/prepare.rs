@@ -77,7 +77,7 @@ fn planned(config: &Config) -> Result<(Known, Plan), JobError> {
     if plan.recorded() == 0 {
         return Err(JobError::NoPose { planned: plan.planned });
     }
-    check(&known.model.robot, &known.tool, &plan, &config.procedure.decouple)?;
+    check_magnet(&known.model.robot, &known.tool, &plan, &config.procedure.decouple)?;
     Ok((known, plan))
 }
 
@@ -206,7 +206,7 @@ const MOST: f64 = 1.1;
 /// Checks that joints can pull the magnet off against gravity, at the last pose of each visit. Of an arm that no controller
 /// drives nothing is checked.
 /// Errors: [`JobError::Magnet`].
-pub(super) fn check(robot: &Robot, tool: &Tool, plan: &Plan, decouple: &Decouple) -> Result<(), JobError> {
+fn check_magnet(robot: &Robot, tool: &Tool, plan: &Plan, decouple: &Decouple) -> Result<(), JobError> {
     for visit in &plan.spheres {
         match robot.dof() {
             6 => leaves::<6>(robot, tool, visit, decouple)?,
