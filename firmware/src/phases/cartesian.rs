@@ -57,6 +57,14 @@ impl<const N: usize> CartesianState<N> {
         self.null_space = NullSpace::at(snapshot);
     }
 
+    /// Holds the joints where they are, no longer the elbow. Near a singularity of the shoulder joints 1 and 3 turn against each
+    /// other and hardly move the elbow, so that its spring does not stop them.
+    pub(crate) fn hold_posture(&mut self, snapshot: &Snapshot<N>) {
+        if matches!(self.null_space, NullSpace::Elbow { .. }) {
+            self.null_space = NullSpace::Posture(snapshot.q);
+        }
+    }
+
     /// Sets the setpoint to where the arm is, with the orientation `rotation`.
     pub(crate) fn relatch(&mut self, snapshot: &Snapshot<N>, rotation: Matrix3<f64>) {
         self.setpoint = CartesianSetpoint::at(snapshot.tcp.position, rotation);

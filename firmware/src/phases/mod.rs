@@ -51,6 +51,8 @@ use crate::safety::{Ends, Touch, Violation};
 
 /// Time for which the arm must be still to count as settled, in s.
 const STILL_S: f64 = 0.020;
+/// Part of the time to settle after which a turn is content with a wider tolerance, and an arm that is there holds its joints.
+const PATIENT_SHARE: f64 = 0.5;
 /// Speed of the fastest joint (low-pass filtered) below which a motion in free
 /// space is finished, in rad/s.
 const REST_SPEED_RAD_S: f64 = 0.02;

@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 use spherecal_shared::protocol::host::Fault;
 
 use super::pull::Pull;
-use super::{Activity, CartesianState, Env, Next, STILL_S};
+use super::{Activity, CartesianState, Env, Next, PATIENT_SHARE, STILL_S};
 use crate::Report;
 use crate::recorder::{Recorder, RecorderSample};
 
@@ -110,6 +110,9 @@ impl<const N: usize> RecordingPose<N> {
             let still = cartesian.impedance.settled() && env.joint_speed <= turn.still_rad_s;
             self.still_s = if still { self.still_s + env.period_s } else { 0.0 };
             if self.still_s < STILL_S {
+                if env.elapsed_s - self.started_s > PATIENT_SHARE * turn.settle_s {
+                    cartesian.hold_posture(env.snapshot);
+                }
                 if env.elapsed_s - self.started_s > turn.most_s(env.joint_speed) {
                     return Next::fail(Fault::MotionTimeout, env.joint_speed, turn.still_rad_s);
                 }

@@ -6,7 +6,7 @@ use spherecal_shared::protocol::host::Fault;
 
 use super::record::{RESTART_FACTOR, RecordingPose};
 use super::speed_scaling::{SpeedScaling, joint_load};
-use super::{Activity, CartesianState, Env, Next, STILL_S};
+use super::{Activity, CartesianState, Env, Next, PATIENT_SHARE, STILL_S};
 use crate::Report;
 use crate::law::NullSpace;
 use crate::motion::TurnMove;
@@ -54,6 +54,10 @@ impl<const N: usize> Turning<N> {
         let turn = &env.procedure.turn;
         cartesian.soften(env, turn.stiffness_n_m);
         cartesian.setpoint.position = *cartesian.watch.centre();
+        if pose.elbow.is_some() && !matches!(cartesian.null_space, NullSpace::Elbow { .. }) {
+            // The turn before ended with a held posture.
+            cartesian.null_space = NullSpace::at(env.snapshot);
+        }
         let (null, elbow) = match (pose.elbow, pose.posture, cartesian.null_space) {
             (Some(target), _, NullSpace::Elbow { angle, .. }) => (NullMove::Elbow, (angle, target)),
             (_, Some(target), _) => {
@@ -149,6 +153,10 @@ impl<const N: usize> Turning<N> {
             elbow_tolerance *= ELBOW_WIDEST;
         }
         let there = error <= tolerance && elbow_error <= elbow_tolerance;
+        if there && self.over_s > PATIENT_SHARE * turn.settle_s {
+            self.null = NullMove::Stay;
+            cartesian.hold_posture(env.snapshot);
+        }
         if there && !self.pose.record {
             return Next::Enter(Activity::Coupled, Some(Report::Passed { pose: self.pose.id }));
         }
@@ -183,13 +191,10 @@ impl<const N: usize> Turning<N> {
     }
 }
 
-/// Part of the waiting time after which the tolerance of the orientation is as much wider as the drive's
-/// delay makes the spring softer: the moment that friction may leave stays the same. The recording takes
-/// the pose as it is.
-const PATIENT_SHARE: f64 = 0.5;
-/// How much wider at most.
+/// How much wider the tolerance of the orientation gets at most. It is as much wider as the drive's delay makes the spring
+/// softer: the moment that friction may leave stays the same. The recording takes the pose as it is.
 const WIDEST: f64 = 3.0;
-/// How much wider the tolerance of the elbow is after that time. Dry friction of 1 to 2 N m holds the elbow of an arm of
+/// How much wider the tolerance of the elbow is after [`PATIENT_SHARE`]. Dry friction of 1 to 2 N m holds the elbow of an arm of
 /// 12 N m at the wrist (a Panda) 0.18 rad from its target.
 const ELBOW_WIDEST: f64 = 2.0;
 
@@ -280,5 +285,34 @@ mod tests {
         let turned_s = phase.path.duration_s();
         let waited_s = f64::from(end.expect("it ends")) * 1e-3 - turned_s - STILL_S;
         assert!((waited_s - 2.0).abs() < 0.01, "{waited_s} s");
+    }
+
+    // Fails if an arm that is there and does not rest follows its elbow for more than half of its time, holds its joints before
+    // that or where the elbow is not there, or if the turn after it leaves the elbow alone.
+    #[test]
+    fn an_arm_that_drifts_holds_its_joints() {
+        for (elbow_by, holds) in [(0.05, true), (0.3, false)] {
+            let mut scene = Scene::new();
+            scene.joint_speed = 0.07;
+            let mut cartesian = scene.engaged(-Vector3::z());
+            let now = elbow(&scene.snapshot.frames).expect("an elbow");
+            let pose = PoseTarget {
+                id: 1,
+                rotation: scene.snapshot.tcp.rotation,
+                elbow: Some(now.angle + elbow_by),
+                posture: None,
+                record: true,
+            };
+            let mut phase = Turning::new(pose, &scene.env(), &mut cartesian);
+            let half_s = phase.path.duration_s() + PATIENT_SHARE * scene.procedure.turn.settle_s;
+            for tick in 0..3_900 {
+                let elbow = matches!(cartesian.null_space, NullSpace::Elbow { .. });
+                let since_s = f64::from(tick) * 1e-3 - half_s;
+                assert!(since_s.abs() < 0.01 || elbow == (since_s < 0.0 || !holds), "{tick}");
+                assert!(matches!(phase.step(&scene.env(), &mut cartesian), Next::Stay));
+            }
+            let _ = Turning::new(pose, &scene.env(), &mut cartesian);
+            assert!(matches!(cartesian.null_space, NullSpace::Elbow { .. }));
+        }
     }
 }
