@@ -110,6 +110,21 @@ fn a_run_goes_on_at_the_pose_where_it_was() {
     }
 }
 
+// Fails if a pose whose turn loses the nest twice is given up, or is not turned to more slowly the third time than the second.
+#[test]
+fn a_pose_that_loses_its_nest_twice_is_tried_more_slowly() {
+    let lost = |entry| (InjectedFault::MagnetLost, during(Phase::Turning, entry, 0.05), 1.0);
+    let run = |faults: &[_]| {
+        let (memory, outcome, result) = campaign_with(&plan(faults), in_process());
+        result.expect("the run ends well");
+        assert!(outcome.rejected.is_empty(), "{:?}", outcome.rejected);
+        assert_eq!(outcome.faults.len(), faults.len(), "{:?}", outcome.faults);
+        last_turn_s(&memory)
+    };
+    let (once, twice) = (run(&[lost(5)]), run(&[lost(5), lost(6)]));
+    assert!(twice > 2.0 * once, "{twice} and {once} s");
+}
+
 // Fails if a nest whose magnet lets go while it stands still leaves a recording,
 // at any pose: friction holds it, and only the pull tells.
 #[test]

@@ -254,24 +254,25 @@ impl<'a> Campaign<'a> {
                 AtSphere::Again => continue,
                 AtSphere::Fault(report, pose) => (report, pose),
             };
-            in_vain = if self.recorded > before { 1 } else { in_vain + 1 };
+            // Where slower turns may help, neither pose nor sphere is given up.
+            let again = pose.is_some_and(|pose| failures.contains_key(&pose));
+            let slower = self.slower_turn(&report, again);
+            let new = self.recorded > before || slower.is_some();
+            in_vain = if new { 1 } else { in_vain + 1 };
             if Waypoints::helps(report.fault) {
                 missed += 1;
                 let contact = session.contacts.get(contacts..).and_then(<[_]>::last);
                 let last = DescentEnd::new(contact, session.sample().map(|s| s.tcp_m));
                 approach = self.waypoints.retry(visit, missed, &last);
             }
-            session.note(&format!(
-                "sphere {}: {}; recovering",
-                visit.sphere_id,
-                describe(&report)
-            ));
+            let what = describe(&report);
+            session.note(&format!("sphere {}: {what}; recovering", visit.sphere_id));
             if let Some(pose) = pose
                 && policy(report.fault).blames_pose
             {
                 let count = failures.entry(pose).or_default();
                 *count += 1;
-                if *count >= self.assignment.options.pose_attempts {
+                if *count >= self.assignment.options.pose_attempts && slower.is_none() {
                     self.give_up_pose(session, visit.sphere_id, pose, &report)?;
                     in_vain = 0;
                 }
@@ -279,7 +280,9 @@ impl<'a> Campaign<'a> {
             session.stage(CampaignStage::Recover, visit.sphere_id, plan);
             self.let_go(session, visit, report)?;
             self.touching = false;
-            self.turn_slowly(session, &report)?;
+            if let Some(speed_rad_s) = slower {
+                self.turn_with(session, speed_rad_s)?;
+            }
             if in_vain >= self.assignment.options.attempts {
                 return Err(if report.fault == Fault::NoContact {
                     CampaignError::NoContact {

@@ -17,6 +17,9 @@ const MOTION_S: f64 = 60.0;
 /// That usual speed, in rad/s.
 const USUAL_RAD_S: f64 = 0.5;
 
+/// How much slower than in the paper the arm turns where the paper's speed did not help.
+const SLOWER: f64 = 3.0;
+
 /// Distance of the computed TCP from the place where a sphere is expected, in m, from which on the nest is not on it.
 /// Model errors make up to 12 mm of it ([`places`](super::places)) and joint offsets of 25 mrad, 0.9 m away, 22 mm. At the
 /// rest the magnet pulls with less than 1 N.
@@ -221,16 +224,25 @@ impl<'a> Campaign<'a> {
         })
     }
 
-    /// Turns more slowly after a nest left its sphere in a turn: cables of 1.5 N m pull a nest off in fast turns, because
-    /// their torque changes faster than the law follows. The speed stays so for the rest of the session.
-    pub(super) fn turn_slowly(&mut self, session: &mut Session<'_>, report: &FaultReport) -> Result<(), CampaignError> {
-        let (turn, slow) = (&mut self.procedure.turn, Procedure::default().paper().turn);
+    /// The speed of turns (rad/s) that may help after a nest left its sphere in one: cables of 1.5 N m pull a nest off in fast
+    /// turns, because their torque changes faster than the law follows. First it is the paper's speed. If a turn to the same
+    /// pose failed before (`again`), it is a third of that. `None` after other faults, or if the arm turns as slowly as that.
+    pub(super) fn slower_turn(&self, report: &FaultReport, again: bool) -> Option<f64> {
+        let (now, paper) = (&self.procedure.turn, Procedure::default().paper().turn);
+        let slower = if again && now.speed_rad_s <= paper.speed_rad_s {
+            paper.speed_rad_s / SLOWER
+        } else {
+            paper.speed_rad_s
+        };
         let lost = report.fault == Fault::ContactLost && report.phase == Phase::Turning;
-        if !lost || turn.speed_rad_s <= slow.speed_rad_s {
-            return Ok(());
-        }
-        turn.speed_rad_s = slow.speed_rad_s;
-        turn.acceleration_rad_s2 = turn.acceleration_rad_s2.min(slow.acceleration_rad_s2);
+        (lost && slower < now.speed_rad_s).then_some(slower)
+    }
+
+    /// Turns with `speed_rad_s` for the rest of the session.
+    pub(super) fn turn_with(&mut self, session: &mut Session<'_>, speed_rad_s: f64) -> Result<(), CampaignError> {
+        let (turn, paper) = (&mut self.procedure.turn, Procedure::default().paper().turn);
+        turn.speed_rad_s = speed_rad_s;
+        turn.acceleration_rad_s2 = turn.acceleration_rad_s2.min(paper.acceleration_rad_s2);
         session.note("the nest left its sphere in a turn: the arm turns more slowly from here on");
         self.configure(session)
     }
