@@ -31,7 +31,7 @@ pub struct RunArgs {
     pub paper: bool,
     /// Connection to controller and arm. sim: both simulated in this program. qemu: controller on
     /// an emulated board. serial:DEVICE or serial:DEVICE@BAUD: a controller board. tcp:HOST:PORT: a
-    /// drive (simulator or gateway). franka:HOST: a Panda or FR3. fri:PORT: a KUKA LBR that sends to
+    /// drive (simulator or gateway). udp:HOST:PORT: the same over UDP, in real time. franka:HOST: a Panda or FR3. fri:PORT: a KUKA LBR that sends to
     /// this port. ur:HOST: an e-Series robot, a UR20 or a UR30. controller:HOST:PORT: `spherecal controller`. grpc:HOST:PORT
     /// or grpcs:HOST:PORT: `spherecal serve`.
     #[arg(long, help_heading = "Connection", value_name = "LINK", default_value_t = Link::Sim)]

@@ -42,6 +42,10 @@ pub struct PlantArgs {
     /// moves the simulated arm.
     #[arg(long, value_name = "DEVICE[@BAUD]", conflicts_with_all = ["listen", "fci", "fri", "ur", "once"])]
     pub serial: Option<String>,
+    /// Serve the drive link over UDP, in real time, to a controller board or `--link udp:`. A port alone serves this machine
+    /// only.
+    #[arg(long, value_name = "[HOST:]PORT", conflicts_with_all = ["serial", "listen", "fci", "fri", "ur", "once"])]
+    pub udp: Option<String>,
     /// Be a Panda or an FR3 for clients of the Franka Control Interface, in real time.
     #[arg(long, conflicts_with_all = ["fri", "real_time", "once"])]
     pub fci: bool,

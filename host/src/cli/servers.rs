@@ -4,7 +4,7 @@
 //! wait for it. Everything else goes to stderr. Ctrl-C ends it; the other side sees the connection
 //! close.
 
-use std::net::TcpListener;
+use std::net::{TcpListener, UdpSocket};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use clap::Args;
 use spherecal_job::{self as job, Link};
 use spherecal_link::native::enter_real_time;
 use spherecal_link::tcp::conform::{Finding, of_controller, of_drive};
-use spherecal_link::tcp::{DriveServer, RemoteDrive, TcpError, controller_server, listen};
+use spherecal_link::tcp::{DriveServer, RemoteDrive, TcpError, controller_server, listen, listen_udp};
 use spherecal_link::{Device, Drive, LinkError, LocalDevice, Serial, controller_in_process};
 
 use super::args::{BadValue, base};
@@ -28,7 +28,7 @@ const EVENTS: Duration = Duration::from_millis(100);
 /// Arguments of `controller`.
 #[derive(Args, Clone, Debug)]
 pub struct ControllerArgs {
-    /// Drive: tcp:HOST:PORT or serial:DEVICE[@BAUD] of a simulator, a gateway or `spherecal plant`; franka:HOST; fri:PORT; ur:HOST.
+    /// Drive: tcp:HOST:PORT, udp:HOST:PORT or serial:DEVICE[@BAUD] of a simulator, a gateway or `spherecal plant`; franka:HOST; fri:PORT; ur:HOST.
     #[arg(long, value_name = "LINK", value_parser = drive_link)]
     pub drive: Link,
     /// Configuration of the run: robot, tool and thresholds for franka:, fri: and ur:. Set
@@ -45,10 +45,10 @@ pub struct ControllerArgs {
 
 fn drive_link(text: &str) -> Result<Link, BadValue> {
     match text.parse() {
-        Ok(link @ (Link::Tcp(_) | Link::Serial(_) | Link::Franka { .. } | Link::Fri(_) | Link::Ur { .. })) => Ok(link),
-        _ => Err(BadValue(
-            "give tcp:HOST:PORT, serial:DEVICE[@BAUD], franka:HOST, fri:PORT or ur:HOST",
+        Err(_) | Ok(Link::Sim | Link::Qemu | Link::Controller(_) | Link::Grpc(_)) => Err(BadValue(
+            "give tcp:HOST:PORT, udp:HOST:PORT, serial:DEVICE[@BAUD], franka:HOST, fri:PORT or ur:HOST",
         )),
+        Ok(link) => Ok(link),
     }
 }
 
@@ -63,6 +63,7 @@ fn tcp_address(text: &str) -> Result<String, BadValue> {
 enum Door<'a> {
     Tcp(TcpListener),
     Serial(&'a str),
+    Udp(UdpSocket),
 }
 
 pub(super) fn plant(args: &PlantArgs) -> Result<Exit, CliError> {
@@ -82,11 +83,16 @@ pub(super) fn plant(args: &PlantArgs) -> Result<Exit, CliError> {
         return Err(CliError::input("--tolerant: give --fci or --fri with it"));
     }
     let drive = simulated::drive(&args.configuration()?)?;
-    let mut server = DriveServer::new(drive, args.real_time || args.serial.is_some());
+    let mut server = DriveServer::new(drive, args.real_time || args.serial.is_some() || args.udp.is_some());
     let door = if let Some(device) = &args.serial {
         Serial::check(device)?;
         announce(&format!("drive link, in real time, on serial:{device}"));
         Door::Serial(device)
+    } else if let Some(address) = &args.udp {
+        let (socket, address) = listen_udp(address).map_err(LinkError::from)?;
+        warn_if_open("plant", address);
+        announce(&format!("drive link, in real time, on udp:{address}"));
+        Door::Udp(socket)
     } else {
         let (listener, address) = listen(args.listen.as_deref().unwrap_or("7401")).map_err(LinkError::from)?;
         warn_if_open("plant", address);
@@ -98,6 +104,7 @@ pub(super) fn plant(args: &PlantArgs) -> Result<Exit, CliError> {
         let served = match &door {
             Door::Tcp(listener) => server.serve(listener),
             Door::Serial(device) => server.serve_serial(device),
+            Door::Udp(socket) => server.serve_udp(socket),
         };
         match served {
             Ok(service) => errln!(
@@ -120,6 +127,9 @@ pub(super) fn plant(args: &PlantArgs) -> Result<Exit, CliError> {
 fn open_drive(args: &ControllerArgs) -> Result<Box<dyn Drive>, CliError> {
     if let Link::Tcp(address) = &args.drive {
         return Ok(Box::new(RemoteDrive::connect(address).map_err(LinkError::from)?));
+    }
+    if let Link::Udp(address) = &args.drive {
+        return Ok(Box::new(RemoteDrive::at_socket(address).map_err(LinkError::from)?));
     }
     if let Link::Serial(device) = &args.drive {
         return Ok(Box::new(RemoteDrive::open(device)?));

@@ -86,6 +86,7 @@ fn faulty(
     let drive = match link {
         Link::Tcp(address) => FaultyDrive::Other(Box::new(lock_step_drive(prepared, link, address)?)),
         Link::Serial(_)
+        | Link::Udp(_)
         | Link::Controller(_)
         | Link::Grpc(_)
         | Link::Franka { .. }

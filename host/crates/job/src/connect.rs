@@ -52,7 +52,7 @@ pub fn reliable(prepared: &PreparedRun, link: &Link, folder: &Path) -> Result<Bo
 pub fn connect_early(config: &Config, link: &Link) -> Result<Option<Box<dyn Device>>, JobError> {
     let open = || distant(&loaded_model(config)?, config, link);
     match link {
-        Link::Tcp(_) | Link::Franka { .. } | Link::Ur { .. } => open(),
+        Link::Tcp(_) | Link::Udp(_) | Link::Franka { .. } | Link::Ur { .. } => open(),
         Link::Controller(_) | Link::Grpc(_) => open().map(|_| None),
         Link::Serial(device) => Serial::check(device).map(|()| None).map_err(JobError::from),
         Link::Fri(_) => native::can_listen(link).map(|()| None),
@@ -78,6 +78,11 @@ pub fn distant(model: &RobotModel, config: &Config, link: &Link) -> Result<Optio
             }
             let controller = controller_in_process(joints)?;
             Ok(Some(Box::new(LocalDevice::new(controller, Box::new(drive), joints)?)))
+        }
+        Link::Udp(address) => {
+            let drive = RemoteDrive::at_socket(address).map_err(LinkError::from)?;
+            check_drive(drive.hello(), robot)?;
+            attended(Threaded::start(Box::new(drive), joints)?)
         }
         Link::Franka { .. } | Link::Fri(_) | Link::Ur { .. } => {
             let drive = native::drive(model, config, link)?;

@@ -22,6 +22,8 @@ pub enum Link {
     /// The controller in this process; an external simulator or a robot's gateway behind the drive
     /// link.
     Tcp(String),
+    /// The same behind UDP, in real time.
+    Udp(String),
     /// A controller process (`spherecal controller`) with any drive.
     Controller(String),
     /// The controller in this process; a Panda or FR3 behind the Franka Control Interface.
@@ -56,7 +58,7 @@ impl Link {
 /// A text that is no link.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "\"{text}\" is not a link: give sim, qemu, serial:DEVICE, tcp:HOST:PORT, franka:HOST, fri:PORT, \
+    "\"{text}\" is not a link: give sim, qemu, serial:DEVICE, tcp:HOST:PORT, udp:HOST:PORT, franka:HOST, fri:PORT, \
      ur:HOST, controller:HOST:PORT, grpc:HOST:PORT or grpcs:HOST:PORT"
 )]
 pub struct UnknownLink {
@@ -76,6 +78,7 @@ impl FromStr for Link {
             None if text == "qemu" => Ok(Self::Qemu),
             Some(("serial", device)) if !device.is_empty() => Ok(Self::Serial(device.to_owned())),
             Some(("tcp", address)) if has_port(address) => Ok(Self::Tcp(address.to_owned())),
+            Some(("udp", address)) if has_port(address) => Ok(Self::Udp(address.to_owned())),
             Some(("controller", address)) if has_port(address) => Ok(Self::Controller(address.to_owned())),
             Some(("franka", rest)) => {
                 let found = host_and_port(rest, spherecal_fci::TCP_PORT);
@@ -130,6 +133,7 @@ impl std::fmt::Display for Link {
             Self::Qemu => f.write_str("qemu"),
             Self::Serial(device) => write!(f, "serial:{device}"),
             Self::Tcp(address) => write!(f, "tcp:{address}"),
+            Self::Udp(address) => write!(f, "udp:{address}"),
             Self::Controller(address) => write!(f, "controller:{address}"),
             Self::Franka { host, port } => write_host(f, "franka", host, *port, spherecal_fci::TCP_PORT),
             Self::Ur { host, port } => write_host(f, "ur", host, *port, spherecal_ur::RTDE_PORT),

@@ -16,6 +16,7 @@
 //! | `qemu` | [`Qemu`](qemu::Qemu) | the same |
 //! | `serial:` | a board ([`Serial`]) | its own |
 //! | `tcp:` | [`InProcess`] | [`RemoteDrive`](tcp::RemoteDrive) |
+//! | `udp:` | [`InProcess`] | the same |
 //! | `franka:` | [`InProcess`] | [`FrankaDrive`](native::FrankaDrive) |
 //! | `fri:` | [`InProcess`] | [`KukaDrive`](native::KukaDrive) |
 //! | `ur:` | [`InProcess`] | [`UrDrive`](native::UrDrive) |

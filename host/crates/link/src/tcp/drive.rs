@@ -1,4 +1,4 @@
-//! The controller's end of the drive link: a drive behind a TCP connection or a serial port.
+//! The controller's end of the drive link: a drive behind a TCP connection, a serial port, or a UDP socket.
 
 use std::time::{Duration, Instant};
 
@@ -9,6 +9,7 @@ use spherecal_shared::robot::{JointLimits, Robot};
 use spherecal_shared::timing::PeriodWatch;
 
 use super::TcpError;
+use super::datagrams::Datagrams;
 use super::progress::Rate;
 use super::stream::Stream;
 use super::wire::{Parsed, Wire};
@@ -17,7 +18,7 @@ use crate::{Drive, LinkError};
 use spherecal_budget::HANDSHAKE;
 use spherecal_budget::link::{AHEAD, FIRST_STATE, PERIOD};
 
-/// How often a drive at a serial port is asked for its hello.
+/// How often a drive at a serial port or UDP socket is asked for its hello.
 const ASK: Duration = Duration::from_millis(200);
 /// Rate of the boards' drive link, in bits per second.
 pub(super) const DRIVE_BAUD: u32 = 3_000_000;
@@ -27,7 +28,7 @@ const EARLY: Duration = Duration::from_micros(250);
 /// Interval of that polling.
 const LOOK: Duration = Duration::from_micros(40);
 
-/// A drive behind a TCP connection or a serial port.
+/// A drive behind a TCP connection, a serial port, or a UDP socket.
 ///
 /// In real time an [`exchange`](Drive::exchange) ends when a new state has arrived. The drive is
 /// the clock, so two clocks never drift against each other. If the state is half a period late, the
@@ -118,7 +119,29 @@ impl RemoteDrive {
     /// # Errors
     /// No hello comes, or the port fails.
     pub fn at_port(port: SerialPort, peer: &str) -> Result<Self, TcpError> {
-        let mut wire = Wire::over(Stream::Serial(port), peer.to_owned());
+        Self::asked(Wire::over(Stream::Serial(port), peer.to_owned()))
+    }
+
+    /// Asks the drive at the UDP socket `HOST:PORT` for its hello. The drive runs in real time.
+    ///
+    /// # Errors
+    /// There is no such host, or no hello comes.
+    pub fn at_socket(address: &str) -> Result<Self, TcpError> {
+        let peer = format!("udp:{address}");
+        let unreachable = |source| TcpError::Unreachable {
+            peer: peer.clone(),
+            source,
+        };
+        let stream = Stream::Udp(Datagrams::to(address).map_err(unreachable)?);
+        Self::asked(Wire::over(stream, peer.clone())).map_err(|error| match error {
+            // Nobody listens there.
+            TcpError::Broken { source, .. } => unreachable(source),
+            other => other,
+        })
+    }
+
+    /// Asks until the hello comes: a drive that runs already does not know that somebody listens.
+    fn asked(mut wire: Wire) -> Result<Self, TcpError> {
         wire.patience(Some(ASK))?;
         let begun = Instant::now();
         let question = DriveCommand {
@@ -137,7 +160,7 @@ impl RemoteDrive {
             }
         }
         Err(TcpError::NotADrive {
-            peer: peer.to_owned(),
+            peer: wire.peer,
             seconds: HANDSHAKE.as_secs(),
         })
     }

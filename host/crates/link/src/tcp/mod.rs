@@ -25,6 +25,7 @@
 
 pub mod conform;
 pub mod controller_server;
+mod datagrams;
 mod drive;
 mod error;
 mod lobby;
@@ -36,7 +37,7 @@ mod stream;
 mod turns;
 mod wire;
 
-use std::net::{SocketAddr, TcpListener};
+use std::net::{SocketAddr, TcpListener, UdpSocket};
 
 pub use drive::{RemoteDrive, check_limits};
 pub use error::TcpError;
@@ -48,11 +49,7 @@ pub use server::{ConnectionCounts, DriveServer};
 /// # Errors
 /// When the program cannot listen at the address.
 pub fn listen(address: &str) -> Result<(TcpListener, SocketAddr), TcpError> {
-    let address = if address.contains(':') {
-        address.to_owned()
-    } else {
-        format!("127.0.0.1:{address}")
-    };
+    let address = on_this_machine(address);
     let failed = |source| TcpError::Listen {
         address: address.clone(),
         source,
@@ -60,4 +57,28 @@ pub fn listen(address: &str) -> Result<(TcpListener, SocketAddr), TcpError> {
     let listener = TcpListener::bind(&address).map_err(failed)?;
     let bound = listener.local_addr().map_err(failed)?;
     Ok((listener, bound))
+}
+
+/// Opens a socket for datagrams at `HOST:PORT`, or at `PORT` on this machine only.
+///
+/// # Errors
+/// When the program cannot listen at the address.
+pub fn listen_udp(address: &str) -> Result<(UdpSocket, SocketAddr), TcpError> {
+    let address = on_this_machine(address);
+    let failed = |source| TcpError::Listen {
+        address: address.clone(),
+        source,
+    };
+    let socket = UdpSocket::bind(&address).map_err(failed)?;
+    let bound = socket.local_addr().map_err(failed)?;
+    Ok((socket, bound))
+}
+
+/// A port alone is one of this machine only.
+fn on_this_machine(address: &str) -> String {
+    if address.contains(':') {
+        address.to_owned()
+    } else {
+        format!("127.0.0.1:{address}")
+    }
 }

@@ -1,6 +1,6 @@
 //! The drive's end of the drive link: any [`Drive`] offered to controllers.
 
-use std::net::TcpListener;
+use std::net::{TcpListener, UdpSocket};
 use std::time::{Duration, Instant};
 
 use serial2::SerialPort;
@@ -8,6 +8,7 @@ use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, Dr
 use spherecal_shared::protocol::frame::{self, LinkCounters, MAX_FRAME};
 
 use super::TcpError;
+use super::datagrams::Datagrams;
 use super::drive::DRIVE_BAUD;
 use super::lobby::{Candidate, Lobby, Look};
 use super::progress::Rate;
@@ -123,11 +124,25 @@ impl DriveServer {
     /// # Errors
     /// As [`serve_serial`](Self::serve_serial).
     pub fn serve_port(&mut self, port: SerialPort, peer: &str) -> Result<ConnectionCounts, LinkError> {
+        self.serve_stream(Stream::Serial(port), peer)
+    }
+
+    /// Serves the controllers that speak to a socket in real time, one at a time. One that was silent for 5 s gives way to
+    /// the next, and is sent nothing more. Ends only with an error.
+    ///
+    /// # Errors
+    /// The socket or the drive fails, or bytes come that are not commands.
+    pub fn serve_udp(&mut self, socket: &UdpSocket) -> Result<ConnectionCounts, LinkError> {
+        let socket = socket.try_clone().map_err(|source| TcpError::of(WHO, source))?;
+        self.serve_stream(Stream::Udp(Datagrams::answering(socket)), WHO)
+    }
+
+    fn serve_stream(&mut self, stream: Stream, peer: &str) -> Result<ConnectionCounts, LinkError> {
         let mut hello = self.drive.hello().clone();
         hello.lock_step = false;
         let (mut state, mut service) = (DriveState::default(), ConnectionCounts::default());
         self.drive.exchange(None, &mut state)?;
-        let mut wire = Wire::over(Stream::Serial(port), peer.to_owned());
+        let mut wire = Wire::over(stream, peer.to_owned());
         let result = self.in_real_time(&mut wire, None, &hello, &mut state, &mut service);
         counted(result, &wire, service)
     }

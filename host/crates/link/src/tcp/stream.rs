@@ -1,10 +1,12 @@
-//! What frames travel on: a TCP connection, or a serial port.
+//! What frames travel on: a TCP connection, a serial port, or datagrams.
 
 use std::io::{ErrorKind, Read, Result, Write};
 use std::net::TcpStream;
 use std::time::Duration;
 
 use serial2::SerialPort;
+
+use super::datagrams::Datagrams;
 
 /// The longest time that a serial port waits: it cannot wait for ever.
 const FOR_EVER: Duration = Duration::from_hours(24);
@@ -29,6 +31,7 @@ pub(super) fn read_some(stream: &mut impl Read, buffer: &mut [u8]) -> Result<usi
 pub(super) enum Stream {
     Tcp(TcpStream),
     Serial(SerialPort),
+    Udp(Datagrams),
 }
 
 impl Stream {
@@ -44,6 +47,12 @@ impl Stream {
                 port.set_read_timeout(read.unwrap_or(FOR_EVER))?;
                 port.set_write_timeout(write)
             }
+            Self::Udp(datagrams) => {
+                let socket = datagrams.socket();
+                socket.set_nonblocking(false)?;
+                socket.set_read_timeout(read)?;
+                socket.set_write_timeout(Some(write))
+            }
         }
     }
 
@@ -55,6 +64,7 @@ impl Stream {
                 port.set_read_timeout(Duration::ZERO)?;
                 port.set_write_timeout(Duration::ZERO)
             }
+            Self::Udp(datagrams) => datagrams.socket().set_nonblocking(true),
         }
     }
 
@@ -63,6 +73,7 @@ impl Stream {
         match self {
             Self::Tcp(stream) => stream.set_read_timeout(read),
             Self::Serial(port) => port.set_read_timeout(read.unwrap_or(FOR_EVER)),
+            Self::Udp(datagrams) => datagrams.socket().set_read_timeout(read),
         }
     }
 }
@@ -72,6 +83,7 @@ impl Read for Stream {
         match self {
             Self::Tcp(stream) => stream.read(buffer),
             Self::Serial(port) => port.read(buffer),
+            Self::Udp(datagrams) => datagrams.receive(buffer),
         }
     }
 }
@@ -81,6 +93,7 @@ impl Write for Stream {
         match self {
             Self::Tcp(stream) => stream.write(bytes),
             Self::Serial(port) => port.write(bytes),
+            Self::Udp(datagrams) => datagrams.send(bytes),
         }
     }
 
@@ -88,6 +101,7 @@ impl Write for Stream {
         match self {
             Self::Tcp(stream) => stream.flush(),
             Self::Serial(port) => port.flush(),
+            Self::Udp(_) => Ok(()),
         }
     }
 }
