@@ -50,6 +50,8 @@ pub mod link {
     /// Peers that wait for a place, of 12 kB each at most. One more closes the connection that has waited longest: with 16
     /// places, 350 connections a second closed that of an honest peer, on a busy machine, before its first frame had come.
     pub const WAITING: usize = 64;
+    /// Datagrams of others that a drive over UDP throws away at a time, before it goes on with its period: 256,000 in a second.
+    pub const STRANGERS: usize = 256;
     /// Largest frames that a peer may send before its first valid frame is complete.
     pub const WAITING_FRAMES: usize = 4;
 }

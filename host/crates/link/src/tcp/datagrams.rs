@@ -4,7 +4,7 @@ use std::io::{ErrorKind, Result};
 use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
 use std::time::Instant;
 
-use spherecal_budget::link::SILENT;
+use spherecal_budget::link::{SILENT, STRANGERS};
 
 /// One end of a drive link over UDP. Each frame is one datagram.
 pub(super) struct Datagrams {
@@ -16,8 +16,12 @@ pub(super) struct Datagrams {
 enum Partner {
     /// The address that the socket is connected to.
     One,
-    /// Whoever spoke last, and when. Another one is heard only after this one was silent for [`SILENT`].
-    Last(Option<(SocketAddr, Instant)>),
+    /// Whoever sent the last valid frame, and when. Others are heard only after it was silent for [`SILENT`].
+    Last {
+        partner: Option<(SocketAddr, Instant)>,
+        /// Who sent the datagram that was received last.
+        from: Option<SocketAddr>,
+    },
 }
 
 impl Datagrams {
@@ -39,7 +43,10 @@ impl Datagrams {
 
     /// An end that answers whoever speaks to it.
     pub(super) fn answering(socket: UdpSocket) -> Self {
-        let partner = Partner::Last(None);
+        let partner = Partner::Last {
+            partner: None,
+            from: None,
+        };
         Self { socket, partner }
     }
 
@@ -47,28 +54,49 @@ impl Datagrams {
         &self.socket
     }
 
-    /// Receives one datagram. One without bytes, or of somebody else, is none.
+    /// Receives one datagram. One that is not of the form of a frame, or of somebody else, is none.
     pub(super) fn receive(&mut self, buffer: &mut [u8]) -> Result<usize> {
-        let (count, from) = self.socket.recv_from(buffer)?;
-        if let Partner::Last(last) = &mut self.partner {
-            let is_other = |(peer, heard): &(SocketAddr, Instant)| *peer != from && heard.elapsed() < SILENT;
-            if last.as_ref().is_some_and(is_other) {
-                return Err(ErrorKind::WouldBlock.into());
+        for _ in 0..STRANGERS {
+            let (count, sender) = self.socket.recv_from(buffer)?;
+            if let Partner::Last { partner, from } = &mut self.partner {
+                if is_there(*partner).is_some_and(|peer| peer != sender) {
+                    continue;
+                }
+                *from = Some(sender);
             }
-            *last = Some((from, Instant::now()));
+            // A frame has one zero byte, its last.
+            let bytes = buffer.get(..count).unwrap_or_default();
+            if bytes
+                .iter()
+                .position(|byte| *byte == 0)
+                .is_some_and(|zero| zero + 1 == count)
+            {
+                return Ok(count);
+            }
         }
-        if count == 0 {
-            return Err(ErrorKind::WouldBlock.into());
+        Err(ErrorKind::WouldBlock.into())
+    }
+
+    /// The last datagram was a valid frame: its sender has earned the place.
+    pub(super) fn heard(&mut self) {
+        if let Partner::Last { partner, from } = &mut self.partner {
+            *partner = from.map(|from| (from, Instant::now()));
         }
-        Ok(count)
     }
 
     /// Sends one datagram. Where nobody spoke, or whoever did is gone, it is dropped.
     pub(super) fn send(&mut self, bytes: &[u8]) -> Result<usize> {
         match &self.partner {
             Partner::One => self.socket.send(bytes),
-            Partner::Last(Some((peer, heard))) if heard.elapsed() < SILENT => self.socket.send_to(bytes, peer),
-            Partner::Last(_) => Ok(bytes.len()),
+            Partner::Last { partner, .. } => match is_there(*partner) {
+                Some(peer) => self.socket.send_to(bytes, peer),
+                None => Ok(bytes.len()),
+            },
         }
     }
+}
+
+/// The partner that was heard in the last [`SILENT`].
+fn is_there(partner: Option<(SocketAddr, Instant)>) -> Option<SocketAddr> {
+    partner.and_then(|(peer, heard)| (heard.elapsed() < SILENT).then_some(peer))
 }

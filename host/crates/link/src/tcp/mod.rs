@@ -49,14 +49,10 @@ pub use server::{ConnectionCounts, DriveServer};
 /// # Errors
 /// When the program cannot listen at the address.
 pub fn listen(address: &str) -> Result<(TcpListener, SocketAddr), TcpError> {
-    let address = on_this_machine(address);
-    let failed = |source| TcpError::Listen {
-        address: address.clone(),
-        source,
-    };
-    let listener = TcpListener::bind(&address).map_err(failed)?;
-    let bound = listener.local_addr().map_err(failed)?;
-    Ok((listener, bound))
+    open(address, |address| {
+        let listener = TcpListener::bind(address)?;
+        listener.local_addr().map(|bound| (listener, bound))
+    })
 }
 
 /// Opens a socket for datagrams at `HOST:PORT`, or at `PORT` on this machine only.
@@ -64,21 +60,17 @@ pub fn listen(address: &str) -> Result<(TcpListener, SocketAddr), TcpError> {
 /// # Errors
 /// When the program cannot listen at the address.
 pub fn listen_udp(address: &str) -> Result<(UdpSocket, SocketAddr), TcpError> {
-    let address = on_this_machine(address);
-    let failed = |source| TcpError::Listen {
-        address: address.clone(),
-        source,
-    };
-    let socket = UdpSocket::bind(&address).map_err(failed)?;
-    let bound = socket.local_addr().map_err(failed)?;
-    Ok((socket, bound))
+    open(address, |address| {
+        let socket = UdpSocket::bind(address)?;
+        socket.local_addr().map(|bound| (socket, bound))
+    })
 }
 
-/// A port alone is one of this machine only.
-fn on_this_machine(address: &str) -> String {
-    if address.contains(':') {
+fn open<T>(address: &str, bind: impl Fn(&str) -> std::io::Result<T>) -> Result<T, TcpError> {
+    let address = if address.contains(':') {
         address.to_owned()
     } else {
         format!("127.0.0.1:{address}")
-    }
+    };
+    bind(&address).map_err(|source| TcpError::Listen { address, source })
 }

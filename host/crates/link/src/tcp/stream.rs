@@ -68,6 +68,13 @@ impl Stream {
         }
     }
 
+    /// A valid frame came. Over UDP its sender has earned the place.
+    pub(super) fn heard(&mut self) {
+        if let Self::Udp(datagrams) = self {
+            datagrams.heard();
+        }
+    }
+
     /// The next reads wait at most this long.
     pub(super) fn wait_for_reads(&mut self, read: Option<Duration>) -> Result<()> {
         match self {

@@ -224,6 +224,7 @@ impl Wire {
                     None => {}
                     Some(Ok(Parsed::Message(header, message))) => {
                         self.progress.valid();
+                        self.stream.heard();
                         if self.has_more() {
                             self.progress.came(self.filled - self.at);
                         }
