@@ -148,12 +148,13 @@ impl<const N: usize> Turning<N> {
         let turn = &env.procedure.turn;
         let elbow_error = cartesian.null_space.elbow_error(env.snapshot).abs();
         let (mut tolerance, mut elbow_tolerance) = (turn.tolerance_rad, turn.elbow_tolerance_rad);
-        if self.over_s > PATIENT_SHARE * turn.settle_s {
+        let patient = self.over_s > PATIENT_SHARE * turn.settle_s;
+        if patient {
             tolerance *= env.snapshot.softened(env.procedure.law.rotation_nm_rad).min(WIDEST);
             elbow_tolerance *= ELBOW_WIDEST;
         }
         let there = error <= tolerance && elbow_error <= elbow_tolerance;
-        if there && self.over_s > PATIENT_SHARE * turn.settle_s {
+        if there && patient {
             self.null = NullMove::Stay;
             cartesian.hold_posture(env.snapshot);
         }
