@@ -10,6 +10,8 @@ use spherecal_shared::robot::GRAVITY_M_S2;
 use super::extended::Extended;
 use super::linear::{Linear, Posture};
 use crate::error::IdentifyError;
+use crate::hierarchy::constants::FACTORS;
+use crate::priors::COMPLIANCE_MEAN;
 
 /// Unit of the load's effect, in kg: a load that is less certain than 1 kg counts as not seen, as a
 /// length does that is less certain than 5 mm.
@@ -54,6 +56,16 @@ impl LoadEffects<'_> {
             column.axpy(*compliance, of_joint, 1.0);
         }
         column
+    }
+
+    /// What the joints have in common: the whitened column of a relative change of the compliance that all are expected to
+    /// have, and the sigma of its prior. Joints of one arm are soft alike, and a load looks like that.
+    pub(crate) fn softness(&self, linear: &Linear) -> (DVector<f64>, f64) {
+        let mut column = DVector::zeros(linear.y.len());
+        for free in self.columns.iter().flatten() {
+            column.axpy(COMPLIANCE_MEAN / linear.scale[*free], &linear.x.column(*free), 1.0);
+        }
+        (column, FACTORS.compliance.ln())
     }
 
     /// The same by joint, for a compliance of 1 rad/(N m) each.

@@ -71,15 +71,21 @@ pub(crate) fn scan(
             let alternative = &selection.trials[index].alternative;
             let candidate = Candidate::new(index, alternative, linear, &model, selection.wide(index), loaded)?;
             let freedom = selection.trials[index].score.len();
-            let (evidence, volume) = candidate.evidence(linear);
+            // A load must explain the data better than joints that are all softer or stiffer than expected.
+            let (without, judged) = match loaded.filter(|_| *alternative == Alternative::Payload) {
+                Some(load) => {
+                    let soft = model.with(linear, &[load.softness(linear)])?;
+                    let judged = Candidate::new(index, alternative, linear, &soft, selection.wide(index), loaded)?;
+                    (soft.log_evidence(linear), Some(judged))
+                }
+                None => (without, None),
+            };
+            let judged = judged.as_ref().unwrap_or(&candidate);
+            let (evidence, volume) = judged.evidence(linear);
             // The width of its prior is no argument against it.
-            let over = |null: f64| log_tail(2.0 * (evidence - null) + volume, freedom);
-            let weighed = over(without) - odds(alternative);
-            let log_p = over(without);
-            if log_p < selection.limit(alternative)
-                && candidate.is_told()
-                && best.as_ref().is_none_or(|b| weighed < b.0)
-            {
+            let log_p = log_tail(2.0 * (evidence - without) + volume, freedom);
+            let weighed = log_p - odds(alternative);
+            if log_p < selection.limit(alternative) && judged.is_told() && best.as_ref().is_none_or(|b| weighed < b.0) {
                 best = Some((weighed, log_p, candidate));
             }
         }

@@ -24,7 +24,7 @@ pub(crate) struct Factors {
     pub(crate) made: f64,
     /// Offsets, tool, scale and seats.
     pub(crate) wide: f64,
-    /// Compliance and bending.
+    /// Compliance and bending; what all compliances have in common, where a load is tested.
     pub(crate) compliance: f64,
 }
 
