@@ -17,6 +17,8 @@ const FEWEST: usize = 5;
 /// A place whose rows are typically much further off than those of the others.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ScatteredPlace {
+    /// Its number.
+    pub place: u32,
     /// In words, with what to do.
     pub words: String,
     /// Median residual over that of the other places, in units of the noise.
@@ -53,6 +55,7 @@ pub(crate) fn scattered(linear: &Linear, course: &Course) -> Vec<ScatteredPlace>
             let ratio = median(own.clone()) / median(others.clone()).max(1e-12);
             let log_p = (log_chance(own, &others) + (places as f64).ln()).min(0.0);
             (ratio >= ScatteredPlace::LIMIT && log_p < FALSE_FINDINGS.ln()).then(|| ScatteredPlace {
+                place,
                 words: format!(
                     "the {} rows at {} are typically {ratio:.1} times as far off as the others: measure this place again, \
                      or leave its rows out",

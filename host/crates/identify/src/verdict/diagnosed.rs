@@ -2,7 +2,7 @@
 //! than the nominal robot over the work region.
 
 use super::{Check, Evidence, Expected};
-use crate::causes::{Family, Finding, ScatteredPlace};
+use crate::causes::{Alternative, Family, Finding, ScatteredPlace};
 use crate::hierarchy::constants::{NEGLIGIBLE, SCALE_SIGMAS, SURE};
 
 /// Rows that are named of a cause that concerns many.
@@ -21,7 +21,7 @@ pub(super) fn diagnosed(evidence: &Evidence<'_>, expected: Option<&Expected>, ch
 }
 
 /// One check for each family of causes. What is named is a part of the fit, so it only qualifies the result, and what would
-/// not matter without being a part of it is not even a remark.
+/// not matter without being a part of it is not even a remark, unless the rows of a whole place hardly count for it.
 fn causes(evidence: &Evidence<'_>, expected: &Expected, checks: &mut Vec<Check>) {
     for test in &evidence.causes.families {
         let (name, sound) = match test.family {
@@ -52,18 +52,27 @@ fn causes(evidence: &Evidence<'_>, expected: &Expected, checks: &mut Vec<Check>)
         };
         let harm = found.iter().map(|f| f.harm_mm).fold(0.0, f64::max);
         let weight = harm / expected.own.mean;
-        let check = Check::new(name, Some(test.sigmas), Some(test.limit), weight < NEGLIGIBLE, words);
+        let hardly_counts = |f: &&Finding| evidence.causes.scattered.iter().any(|p| is_off(f, p));
+        let sound = weight < NEGLIGIBLE && !found.iter().any(hardly_counts);
+        let check = Check::new(name, Some(test.sigmas), Some(test.limit), sound, words);
         checks.push(check.qualifying().weighing(weight));
     }
 }
 
-/// Whether no place scatters more than the others.
+/// Whether a finding says that the place which scatters is off as a whole.
+fn is_off(finding: &Finding, scattered: &ScatteredPlace) -> bool {
+    matches!(finding.alternative, Alternative::Place { place, .. } if place == scattered.place)
+}
+
+/// Whether no place scatters more than the others, those apart that are off as a whole.
 fn places(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
-    let Some(worst) = evidence.causes.scattered.first() else {
+    let off = |p: &ScatteredPlace| evidence.causes.findings.iter().any(|f| is_off(f, p));
+    let scattered: Vec<&ScatteredPlace> = evidence.causes.scattered.iter().filter(|p| !off(p)).collect();
+    let Some(worst) = scattered.first() else {
         return;
     };
-    let each = evidence.causes.scattered.iter();
-    let words: Vec<String> = each
+    let words: Vec<String> = scattered
+        .iter()
         .map(|p| format!("{} (p = {})", p.words, probability(p.log10_p)))
         .collect();
     checks.push(
