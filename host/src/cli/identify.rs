@@ -60,7 +60,7 @@ pub struct IdentifyArgs {
         requires = "robot"
     )]
     pub data: Vec<PathBuf>,
-    /// Estimator: full, geometry, lm, gauss-newton, nelder-mead or nelder-mead-scaled.
+    /// Estimator: full, geometry, lm or gauss-newton.
     #[arg(long, help_heading = "Identification", value_name = "M", default_value = "full")]
     pub method: Method,
     /// What is modelled: geometry, stiffness or full.

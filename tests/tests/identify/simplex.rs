@@ -1,9 +1,9 @@
 //! Nelder-Mead against SciPy, and the paper's procedure against the stored world.
 
 use nalgebra::{Matrix3, Vector3};
-use spherecal::identify::paper::{PaperProcedure, mini_batches, problem, scaled, whole};
-use spherecal::identify::simplex::{SearchEnd, SearchLimits, minimise, usual_simplex};
-use spherecal::identify::{DistanceProblem, Method, Options, Pairs, Pose};
+use spherecal::identify::{DistanceProblem, Options, Pairs, Pose};
+use spherecal_lab::paper::{PaperProcedure, mini_batches, problem, scaled, whole};
+use spherecal_lab::simplex::{SearchEnd, SearchLimits, minimise, usual_simplex};
 use spherecal_tests::worlds::World;
 
 #[derive(serde::Deserialize)]
@@ -109,12 +109,11 @@ fn the_simplex_is_scipys_bit_by_bit() {
     assert!(cases.len() >= 12);
 }
 
-fn spheres_of_w1(method: Method, pairs: Pairs) -> (World, DistanceProblem) {
+fn spheres_of_w1(pairs: Pairs) -> (World, DistanceProblem) {
     let world = World::load("world_W1_seed0");
     let mut spheres = world.spheres();
     spheres.tool = world.measured_tool();
     let options = Options {
-        method,
         pairs,
         subset: Some(world.subset300.clone()),
         base: Some(Pose {
@@ -131,7 +130,7 @@ fn spheres_of_w1(method: Method, pairs: Pairs) -> (World, DistanceProblem) {
 // the parameters that start at zero do not freeze as in the paper's Table 6.
 #[test]
 fn the_papers_simplex_is_reproduced_and_freezes() {
-    let (world, spheres) = spheres_of_w1(Method::NelderMead, Pairs::Vector);
+    let (world, spheres) = spheres_of_w1(Pairs::Vector);
     let short = |evaluations| SearchLimits {
         evaluations: Some(evaluations),
         ..SearchLimits::default()
@@ -160,7 +159,6 @@ fn the_papers_simplex_is_reproduced_and_freezes() {
     let mut laser = world.laser();
     laser.tool = world.measured_tool();
     let options = Options {
-        method: Method::NelderMead,
         base: Some(world.base()),
         ..Options::default()
     };
@@ -180,7 +178,7 @@ fn the_papers_simplex_is_reproduced_and_freezes() {
 #[ignore = "long: scripts/test --long runs it"]
 fn long_scaled_steps_reach_the_optimum_and_the_usual_do_not() {
     for pairs in [Pairs::Vector, Pairs::Norm] {
-        let (_, problem) = spheres_of_w1(Method::NelderMeadScaled, pairs);
+        let (_, problem) = spheres_of_w1(pairs);
         let optimum = problem.objective_mm2(&problem.solve(false).expect("solvable"));
         let found = scaled(&problem);
         let ratio = found.objective_mm2 / optimum;
@@ -199,7 +197,7 @@ fn long_scaled_steps_reach_the_optimum_and_the_usual_do_not() {
 // Table 6: ten or more of twelve at 5.5e-5 to 6.3e-5, theta3 at -4.9e-4.
 #[test]
 fn mini_batches_end_in_the_values_of_table_6() {
-    let (_, problem) = spheres_of_w1(Method::NelderMead, Pairs::Vector);
+    let (_, problem) = spheres_of_w1(Pairs::Vector);
     let run = mini_batches(&problem, &PaperProcedure::default(), 1);
     assert!(run.searches.iter().all(|s| s.0 == 120));
     let zeros = run.zeros();

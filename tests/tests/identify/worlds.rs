@@ -96,7 +96,7 @@ fn collapsed_objective_is_the_sum_over_pairs() {
     spheres.tool = world.measured_tool();
     let rotation = Matrix3::from_fn(|r, c| world.nominal_rotation[r][c]);
     let options = Options {
-        method: Method::NelderMead,
+        method: Method::GaussNewton,
         pairs: Pairs::Vector,
         subset: Some(world.subset300.clone()),
         base: Some(Pose {

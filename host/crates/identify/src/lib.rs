@@ -70,8 +70,7 @@ mod load;
 mod noise_scale;
 mod normal;
 mod options;
-pub mod paper;
-mod parameter_table;
+pub mod parameter_table;
 pub mod parameters;
 mod parts;
 pub mod priors;
@@ -79,7 +78,6 @@ mod recordings;
 mod residuals;
 mod rows;
 mod seen;
-pub mod simplex;
 mod solve;
 mod start_targets;
 mod statement;
@@ -94,7 +92,7 @@ mod workspace;
 pub use calibration::{Calibration, FramePose, NoiseFound, ParameterEstimate};
 pub use distance::{DistanceProblem, halton_configurations};
 pub use error::IdentifyError;
-pub use evaluate::{Estimator, EvaluateError, EvaluateOptions, Evaluation, evaluate};
+pub use evaluate::{Comparison, Estimator, EvaluateError, EvaluateOptions, Evaluation, evaluate};
 pub use geometry_only::GeometryOnly;
 pub use holdout::{Holdout, LeftOutPart, Split, holdout, possible_splits};
 pub use identifiability::{Identifiability, Observability};
@@ -143,6 +141,5 @@ pub fn identify(experiment: &Experiment, options: &Options) -> Result<Calibratio
             Ok(finish::finish(experiment, options, Model::Geometry, fit))
         }
         Method::Lm | Method::GaussNewton => distance::identify(experiment, options),
-        Method::NelderMead | Method::NelderMeadScaled => paper::identify(experiment, options),
     }
 }

@@ -26,22 +26,11 @@ pub enum Method {
     Lm,
     /// Gauss-Newton on the same.
     GaussNewton,
-    /// The paper's mini-batch Nelder-Mead, with `fminsearch`'s simplex.
-    NelderMead,
-    /// Nelder-Mead whose first steps have the size of the priors.
-    NelderMeadScaled,
 }
 
 impl Method {
     /// All methods, in the order of the documentation.
-    pub const ALL: [Self; 6] = [
-        Self::Full,
-        Self::Geometry,
-        Self::Lm,
-        Self::GaussNewton,
-        Self::NelderMead,
-        Self::NelderMeadScaled,
-    ];
+    pub const ALL: [Self; 4] = [Self::Full, Self::Geometry, Self::Lm, Self::GaussNewton];
 
     /// Name on the command line and in files.
     pub const fn name(self) -> &'static str {
@@ -50,8 +39,6 @@ impl Method {
             Self::Geometry => "geometry",
             Self::Lm => "lm",
             Self::GaussNewton => "gauss-newton",
-            Self::NelderMead => "nelder-mead",
-            Self::NelderMeadScaled => "nelder-mead-scaled",
         }
     }
 }
@@ -97,6 +84,7 @@ pub struct UnknownName {
 fn renamed(name: &str) -> &'static str {
     match name {
         "map" => ": give `full`, the new name of `map`",
+        "nelder-mead" | "nelder-mead-scaled" => ": the paper's simplex is in `spherecal-lab reproduce`",
         _ => "",
     }
 }
@@ -220,7 +208,7 @@ pub struct Options {
     pub pairs: Pairs,
     /// Indices of the observations that the paper's estimators use; all if none.
     pub subset: Option<Vec<usize>>,
-    /// Seed of what draws at random (the paper's mini-batches).
+    /// Seed of what draws at random.
     pub seed: u64,
 }
 

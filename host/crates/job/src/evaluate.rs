@@ -12,7 +12,7 @@ use spherecal_identify::arcs::{Measured, MeasuredArc};
 use spherecal_identify::causes::Course;
 use spherecal_identify::evaluate::EvaluationStep;
 use spherecal_identify::{
-    CampaignRecord, Estimator, EvaluateOptions, Evaluation, Experiment, Observation, Options, Recordings, RowNames,
+    CampaignRecord, Comparison, EvaluateOptions, Evaluation, Experiment, Observation, Options, Recordings, RowNames,
     Set, Sphere, Target, TrackerRecordings,
 };
 use spherecal_model::LaserShot;
@@ -183,14 +183,11 @@ pub fn evaluate(
     simulator: &dyn Simulator,
     progress: &mut dyn FnMut(EvaluationStep),
 ) -> Result<Evaluation, JobError> {
+    let known_laws = simulator.known_laws(&m.config, m.robot.dof());
+    let mut models = vec![Comparison::laser(), Comparison::laser_full()];
+    models.extend(known_laws.map(Comparison::known_laws));
     let compared = EvaluateOptions {
-        models: vec![
-            Estimator::Laser,
-            Estimator::LaserFull,
-            Estimator::PaperNelderMead,
-            Estimator::KnownLaws,
-        ],
-        known_laws: simulator.known_laws(&m.config, m.robot.dof()),
+        models,
         ..EvaluateOptions::default()
     };
     evaluate_with(m, compared, progress)

@@ -7,13 +7,16 @@
 //! | [`faults`] | how does a run end after each fault? |
 //! | [`soak`] | what grows or drifts over hours of robot time? |
 //!
-//! [`shards`] divides the first three over many machines.
+//! [`paper`] is the paper's own estimator, on [`simplex`]. [`shards`] divides the first three over many machines.
 //!
 //! The program `spherecal-lab` ([`cli`]) runs them; docs/lab.md describes it.
 
 pub mod cli;
+mod estimators;
 pub mod faults;
+pub mod paper;
 pub mod reproduce;
 pub mod shards;
+pub mod simplex;
 pub mod soak;
 pub mod worlds;

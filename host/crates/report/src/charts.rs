@@ -22,7 +22,7 @@ pub struct ChartError {
 }
 
 /// Placeholder colours and the CSS variables that replace them.
-const PALETTE: [(RGBColor, &str); 13] = [
+const PALETTE: [(RGBColor, &str); 12] = [
     (INK, "--ink"),
     (FAINT, "--rule"),
     (SOFT, "--soft"),
@@ -33,7 +33,6 @@ const PALETTE: [(RGBColor, &str); 13] = [
     (SERIES[4], "--series-4"),
     (SERIES[5], "--series-5"),
     (SERIES[6], "--series-6"),
-    (SERIES[7], "--series-7"),
     (ALARM, "--alarm"),
     (PAPER, "--paper"),
 ];
@@ -41,7 +40,7 @@ pub(super) const INK: RGBColor = RGBColor(1, 2, 3);
 pub(super) const FAINT: RGBColor = RGBColor(4, 5, 6);
 pub(super) const SOFT: RGBColor = RGBColor(7, 8, 9);
 /// One colour for each known model (see [`colour`]), and one for any other.
-pub(super) const SERIES: [RGBColor; 8] = [
+pub(super) const SERIES: [RGBColor; 7] = [
     RGBColor(10, 11, 12),
     RGBColor(13, 14, 15),
     RGBColor(16, 17, 18),
@@ -49,7 +48,6 @@ pub(super) const SERIES: [RGBColor; 8] = [
     RGBColor(22, 23, 24),
     RGBColor(31, 32, 33),
     RGBColor(34, 35, 36),
-    RGBColor(37, 38, 39),
 ];
 pub(super) const ALARM: RGBColor = RGBColor(25, 26, 27);
 pub(super) const PAPER: RGBColor = RGBColor(28, 29, 30);
@@ -60,11 +58,10 @@ pub(super) fn colour(name: &str) -> RGBColor {
         "nominal" => 0,
         "sphere" | "calibrated" => 1,
         "laser" => 2,
-        "paper_nelder_mead" => 3,
-        "known_laws" => 4,
-        "laser_full" => 5,
-        "calibrated_table_only" => 6,
-        _ => 7,
+        "known_laws" => 3,
+        "laser_full" => 4,
+        "calibrated_table_only" => 5,
+        _ => 6,
     }]
 }
 

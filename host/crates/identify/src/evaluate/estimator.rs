@@ -24,7 +24,7 @@ pub enum Estimator {
     Laser,
     /// Tracker: the full model.
     LaserFull,
-    /// Contacts: the full model with [`EvaluateOptions::known_laws`](super::EvaluateOptions::known_laws).
+    /// Contacts: the full model with the priors that a simulation drew its arm from.
     KnownLaws,
 }
 
@@ -77,7 +77,6 @@ pub fn model_title(name: &str) -> &str {
         "sphere" => "spheres (this calibration)",
         "laser" => "laser tracker, geometry",
         "laser_full" => "laser tracker, full model",
-        "paper_nelder_mead" => "spheres, the paper's simplex",
         "known_laws" => "spheres, errors' laws known",
         "calibrated_table_only" => "calibrated, URDF only",
         other => other,

@@ -19,6 +19,7 @@
 mod align;
 mod align_targets;
 mod certified;
+mod comparison;
 mod error;
 mod estimator;
 mod evaluation;
@@ -37,6 +38,7 @@ pub use crate::judge_targets::{AngleStatistics, BodyOrientation, Further, Target
 pub use crate::recordings::Judge;
 pub use align::{NominalFrames, align};
 pub use certified::{Repeatability, repeatability};
+pub use comparison::{Compared, Comparison};
 pub use error::EvaluateError;
 pub use estimator::{Estimator, model_title};
 pub use evaluation::Evaluation;
@@ -104,7 +106,7 @@ pub fn evaluate(
         Some(tracker) => Some(reference::reference(
             recordings,
             tracker,
-            options,
+            &options.models,
             &fit.options,
             &fit.calibration,
             &mut notes,

@@ -1,5 +1,6 @@
 //! What an evaluation is asked for, and how far it has come.
 
+use super::comparison::Comparison;
 use super::estimator::Estimator;
 use crate::Options;
 
@@ -18,11 +19,9 @@ pub struct EvaluateOptions {
     /// Postures of the work region (rad); those of the rows without it.
     pub work: Option<Vec<Vec<f64>>>,
     /// Other estimators to compare with, where an independent instrument measured.
-    pub models: Vec<Estimator>,
+    pub models: Vec<Comparison>,
     /// Mean error of the TCP (mm) that was asked for: a worse result is refused.
     pub accuracy_mm: Option<f64>,
-    /// Options of [`Estimator::KnownLaws`]: what a simulation may tell and a user cannot know.
-    pub known_laws: Option<Options>,
 }
 
 impl Default for EvaluateOptions {
@@ -35,7 +34,6 @@ impl Default for EvaluateOptions {
             work: None,
             models: Vec::new(),
             accuracy_mm: None,
-            known_laws: None,
         }
     }
 }

@@ -1,17 +1,17 @@
-//! The other estimators that an evaluation can compare with, and the table that an
-//! independent instrument's measurements make of all of them.
+//! The table that an independent instrument's measurements make of a calibration and of other models.
 
 use nalgebra::Vector3;
 use spherecal_model::chain::Chain;
 use spherecal_shared::robot::Tool;
 
+use super::comparison::{Compared, Comparison};
 use super::error::EvaluateError;
 use super::estimator::Estimator;
 use super::options::EvaluationStep;
 use crate::arcs::MeasuredFrames;
 use crate::recordings::{Recordings, TrackerRecordings};
 use crate::validate::{Prediction, ValidationTable, validate};
-use crate::{Calibration, Experiment, IdentifyError, Method, Options, Override, Pose, identify, paper};
+use crate::{Calibration, IdentifyError, Options, Pose};
 
 /// A calibration to compare with.
 #[derive(Clone, Debug)]
@@ -46,22 +46,24 @@ impl InstrumentView {
 pub(super) fn reference(
     recordings: &Recordings,
     tracker: &TrackerRecordings,
-    asked: &super::EvaluateOptions,
+    asked: &[Comparison],
     options: &Options,
     calibration: &Calibration,
     notes: &mut Vec<String>,
     progress: &mut dyn FnMut(EvaluationStep),
 ) -> Result<InstrumentView, EvaluateError> {
     let frames = tracker.measured_frames(&recordings.experiment)?;
+    let compared = Compared {
+        recordings,
+        tracker,
+        frames: &frames,
+        options,
+    };
     let mut models = Vec::new();
-    for &estimator in &asked.models {
-        if matches!(estimator, Estimator::Nominal | Estimator::Sphere)
-            || (estimator == Estimator::KnownLaws && asked.known_laws.is_none())
-        {
-            continue;
-        }
+    for comparison in asked {
+        let estimator = comparison.estimator;
         progress(EvaluationStep::Comparing { estimator });
-        match model(recordings, tracker, &frames, asked, options, estimator) {
+        match (comparison.fit)(&compared) {
             Ok(calibration) => models.push(ReferenceModel { estimator, calibration }),
             // The paper's method asks for contacts with several spheres.
             Err(IdentifyError::Method { .. }) if estimator.optional() => {}
@@ -75,71 +77,6 @@ pub(super) fn reference(
         Some(table(recordings, tracker, &frames, calibration, &models)?)
     };
     Ok(InstrumentView { frames, models, table })
-}
-
-/// Identifies by one of the other estimators.
-fn model(
-    recordings: &Recordings,
-    tracker: &TrackerRecordings,
-    frames: &MeasuredFrames,
-    asked: &super::EvaluateOptions,
-    options: &Options,
-    estimator: Estimator,
-) -> Result<Calibration, IdentifyError> {
-    let with_tool = |experiment: &Experiment| Experiment {
-        tool: Tool {
-            tcp_m: frames.tool_m,
-            ..experiment.tool
-        },
-        ..experiment.clone()
-    };
-    let contacts = &recordings.experiment;
-    let by = |method: Method| Options {
-        method,
-        ..options.clone()
-    };
-    let absolute = |method: Method| Options {
-        base: Some(frames.base),
-        ..by(method)
-    };
-    match estimator {
-        Estimator::PaperNelderMead => identify(&with_tool(contacts), &by(Method::NelderMead)),
-        Estimator::GaussNewton => {
-            let contacts = with_tool(contacts);
-            let per_sphere = paper::PaperProcedure::default().poses_per_sphere;
-            let options = Options {
-                subset: Some(paper::subset(&contacts, per_sphere, options.seed)),
-                ..by(Method::GaussNewton)
-            };
-            identify(&contacts, &options)
-        }
-        Estimator::Geometry => identify(contacts, &by(Method::Geometry)),
-        Estimator::TwoHarmonics => {
-            let mut options = Options {
-                harmonics: 2,
-                ..by(Method::Full)
-            };
-            for name in ["bending", "tilt"] {
-                let fixed = Override {
-                    free: Some(false),
-                    ..Override::default()
-                };
-                options.parameters.0.insert(name.to_owned(), fixed);
-            }
-            identify(contacts, &options)
-        }
-        // The paper holds base and tool at what the arcs gave.
-        Estimator::LaserNelderMead => {
-            identify(&with_tool(&tracker.experiment(contacts)), &absolute(Method::NelderMead))
-        }
-        Estimator::Laser => identify(
-            &with_tool(&tracker.experiment(contacts)),
-            &absolute(Method::GaussNewton),
-        ),
-        Estimator::LaserFull => identify(&tracker.experiment(contacts), &absolute(Method::Full)),
-        Estimator::KnownLaws => identify(contacts, asked.known_laws.as_ref().unwrap_or(options)),
-        Estimator::Nominal | Estimator::Sphere => identify(contacts, options),
-    }
 }
 
 /// Table 5 of the paper. Nominal and paper-like models have base and tool from the

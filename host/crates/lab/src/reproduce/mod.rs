@@ -20,13 +20,15 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::Tool;
 
-use spherecal_identify::paper::{self, PaperProcedure, Run};
 use spherecal_identify::validate::ValidationTable;
 use spherecal_identify::{
-    Estimator, EvaluateError, EvaluateOptions, Experiment, IdentifyError, Method, Options, Recordings, Verdict,
+    Estimator, EvaluateError, EvaluateOptions, Experiment, IdentifyError, Method, Options, Pairs, Recordings, Verdict,
     evaluate,
 };
 use spherecal_model::write_file;
+
+use crate::estimators::comparison;
+use crate::paper::{self, PaperProcedure, Run};
 
 pub use many::{
     ManyOptions, ManyStudies, ModelSpread, RobotSpread, RobotStudy, RobotStudyError, merge_many, reproduce_many,
@@ -118,9 +120,8 @@ pub fn reproduce(
         cross_validate: false,
         diagnose: true,
         work: None,
-        models: MODELS.to_vec(),
+        models: MODELS.into_iter().filter_map(|e| comparison(e, None)).collect(),
         accuracy_mm: None,
-        known_laws: None,
     };
     let evaluation = evaluate(recordings, &asked, &mut |_| {})?;
     let reference = evaluation.reference.as_ref().ok_or(ReproduceError::NoTracker)?;
@@ -137,7 +138,8 @@ pub fn reproduce(
     };
     let procedure = PaperProcedure::default();
     let simplex_options = Options {
-        method: Method::NelderMead,
+        method: Method::GaussNewton,
+        pairs: Pairs::Vector,
         ..plain
     };
     let (problem, options) = paper::problem(&spheres, &simplex_options, &procedure)?;

@@ -3,6 +3,7 @@
 use spherecal_shared::robot::iiwa7;
 
 use super::record::{Trial, WorldError};
+use crate::estimators::comparison;
 use spherecal_identify::arcs::Measured;
 use spherecal_identify::validate::ValidationTable;
 use spherecal_identify::{Estimator, EvaluateOptions, Options, Recordings, Target, TrackerRecordings, evaluate};
@@ -58,7 +59,6 @@ pub fn judge(trial: &Trial, estimators: &[Estimator]) -> Result<ValidationTable,
         reason,
     };
     let known_laws = known_laws_options(trial);
-    let has_known_laws = known_laws.is_some();
     let options = EvaluateOptions {
         identify: Options {
             seed: trial.seed,
@@ -68,16 +68,18 @@ pub fn judge(trial: &Trial, estimators: &[Estimator]) -> Result<ValidationTable,
         cross_validate: false,
         diagnose: false,
         work: None,
-        models: estimators.to_vec(),
+        models: estimators
+            .iter()
+            .filter_map(|e| comparison(*e, known_laws.as_ref()))
+            .collect(),
         accuracy_mm: None,
-        known_laws,
     };
     let found = evaluate(&Recordings::from(trial), &options, &mut |_| {})
         .map_err(|e| failed(Estimator::Sphere, e.to_string()))?;
     let table = found.table().cloned();
     let table = table.ok_or_else(|| failed(Estimator::Sphere, "nothing judged it".to_owned()))?;
     for &estimator in estimators {
-        let meant = estimator != Estimator::KnownLaws || has_known_laws;
+        let meant = estimator != Estimator::KnownLaws || known_laws.is_some();
         if meant && table.model(estimator.name()).is_none() {
             return Err(failed(estimator, found.notes.join("; ")));
         }

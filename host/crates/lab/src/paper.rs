@@ -20,12 +20,8 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::calibration::Calibration;
-use super::distance::DistanceProblem;
-use super::error::IdentifyError;
-use super::options::{Method, Options, Pairs};
-use super::simplex::{Minimum, SearchLimits, Stopping, minimise, stepped_simplex, usual_simplex};
-use spherecal_model::{Experiment, Set, Target};
+use crate::simplex::{Minimum, SearchLimits, Stopping, minimise, stepped_simplex, usual_simplex};
+use spherecal_identify::{Calibration, DistanceProblem, Experiment, IdentifyError, Observation, Options, Set, Target};
 
 /// The value in Table 6 of parameters that were never identified (mm or rad), and the tolerance
 /// about it.
@@ -193,8 +189,7 @@ fn run(problem: &DistanceProblem, x: &[f64], searches: Vec<(usize, usize)>) -> R
     }
 }
 
-/// The paper's problem for an experiment: its subset of the contacts if the options name none, and
-/// for the faithful simplex the vectors of Equation 9.
+/// The paper's problem for an experiment, with its subset of the contacts if the options name none.
 ///
 /// # Errors
 /// What [`DistanceProblem::new`] refuses.
@@ -204,32 +199,28 @@ pub fn problem(
     procedure: &PaperProcedure,
 ) -> Result<(DistanceProblem, Options), IdentifyError> {
     let mut options = options.clone();
-    if options.method == Method::NelderMead {
-        options.pairs = Pairs::Vector;
-    }
-    let contacts = experiment
-        .observations
-        .iter()
-        .any(|o| matches!(o.target, Target::Sphere { .. }));
-    if options.subset.is_none() && contacts {
+    if options.subset.is_none() && has_contacts(experiment) {
         options.subset = Some(subset(experiment, procedure.poses_per_sphere, options.seed));
     }
     Ok((DistanceProblem::new(experiment, &options)?, options))
 }
 
-/// `nelder-mead` and `nelder-mead-scaled`.
-pub(crate) fn identify(experiment: &Experiment, options: &Options) -> Result<Calibration, IdentifyError> {
+/// The paper's calibration: mini-batches of pairs of contacts, or one search over all measured points.
+///
+/// # Errors
+/// What [`DistanceProblem::new`] refuses.
+pub fn identify(experiment: &Experiment, options: &Options) -> Result<Calibration, IdentifyError> {
     let procedure = PaperProcedure::default();
     let (problem, options) = problem(experiment, options, &procedure)?;
-    let contacts = options.subset.is_some()
-        && experiment
-            .observations
-            .iter()
-            .any(|o| matches!(o.target, Target::Sphere { .. }));
-    let run = match (options.method, contacts) {
-        (Method::NelderMeadScaled, _) => scaled(&problem),
-        (_, true) => mini_batches(&problem, &procedure, options.seed),
-        (_, false) => whole(&problem, &procedure.laser),
+    let run = if has_contacts(experiment) {
+        mini_batches(&problem, &procedure, options.seed)
+    } else {
+        whole(&problem, &procedure.laser)
     };
     Ok(problem.calibration(experiment, &options, &run.x))
+}
+
+fn has_contacts(experiment: &Experiment) -> bool {
+    let contact = |o: &Observation| matches!(o.target, Target::Sphere { .. });
+    experiment.observations.iter().any(contact)
 }
