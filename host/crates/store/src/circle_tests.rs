@@ -71,6 +71,29 @@ fn a_recording_that_is_made_again_comes_to_its_place() {
     }
 }
 
+// Fails if a lost digest costs a recording for which another digest vouches.
+#[test]
+fn a_lost_digest_costs_no_recording() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (path, recordings) = finished(folder.path());
+    let whole = std::fs::read(&path).expect("read");
+    for r in &recordings {
+        for table in ["recording", "recordings"] {
+            std::fs::write(&path, &whole).expect("written");
+            let subject = format!("{table} {} {}", r.sphere, r.pose);
+            change(&path, &[&format!("DELETE FROM digests WHERE subject = '{subject}'")]);
+            let new = folder.path().join("new.db");
+            let recovered = recover(&path, &new).expect("recovered");
+            assert_eq!(
+                (recovered.recordings_left_out, checked(&new)),
+                (Vec::new(), recordings.clone()),
+                "{subject}"
+            );
+            std::fs::remove_file(new).expect("removed");
+        }
+    }
+}
+
 // Fails if a run whose database has positions of an earlier version is ordered otherwise when it is repeated.
 #[test]
 fn positions_of_an_earlier_version_are_replaced_by_a_repetition() {

@@ -14,15 +14,16 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use spherecal_shared::protocol::host::Recording;
 use sqlx::{AnyConnection, Connection as _};
 
-use self::rows::{columns_of, insert_rows, read_rows, run_of};
+use self::rows::{StoredRow, columns_of, insert_rows, read_rows, run_of};
 use self::schema::{NoSource, sources_of};
 use self::seals::Seals;
 use super::columns::put_digest;
 use super::digest::{self, recording_subject};
 use super::log::{Log, log_of};
-use super::seal::{RUNS, seal};
+use super::seal::{RUNS, SealedValue, seal};
 use super::{RunInfo, SCHEMA_VERSION, SqlStore, StoreError, acknowledged};
 
 mod rows;
@@ -132,12 +133,13 @@ pub fn recover(damaged: &Path, new: &Path) -> Result<Recovered, StoreError> {
     recovered.log_frames_salvaged = workshop.salvaged;
     let seals = runtime.block_on(Seals::read(&mut sources));
     let mut incomplete = BTreeSet::new();
+    let mut open = Vec::new();
     for table in TABLES {
         let of_table = columns.iter().find(|(name, _)| *name == table);
         let of_table = of_table.map(|(_, columns)| columns.as_slice()).unwrap_or_default();
         let (rows, lost) = runtime.block_on(read_rows(table, of_table, &mut sources));
         let mut saved = Saved { read: 0, lost };
-        let (good, bad): (Vec<_>, Vec<_>) = rows.into_iter().partition(|row| seals.vouch_for(table, row));
+        let (good, mut bad): (Vec<_>, Vec<_>) = rows.into_iter().partition(|row| seals.vouch_for(table, row));
         let mut kept = good;
         match table {
             "runs" => kept = seals.settings(kept, &bad, &mut recovered),
@@ -147,6 +149,11 @@ pub fn recover(damaged: &Path, new: &Path) -> Result<Recovered, StoreError> {
                 saved.lost += seals::without(&bad, &kept);
             }
             _ => {
+                if table == "recordings" {
+                    open = seals.open(&bad);
+                    bad.retain(|row| !open.contains(row));
+                    kept.extend(open.iter().cloned());
+                }
                 saved.lost += bad.len() as u64;
                 // Results are computed again; everything else has to be measured again.
                 if table != "results" {
@@ -164,7 +171,7 @@ pub fn recover(damaged: &Path, new: &Path) -> Result<Recovered, StoreError> {
         // An error while closing does not matter to a copy.
         let _ = runtime.block_on(source.connection.close());
     }
-    recovered.recordings_left_out = leave_out(&mut target, &seals)?;
+    recovered.recordings_left_out = leave_out(&mut target, &seals, &open)?;
     // What cannot be read states nothing.
     let stated = acknowledged::stated(damaged).unwrap_or_default();
     recovered.acknowledged_missing = acknowledged::missing(&stated, &target.recording_counts()?);
@@ -237,8 +244,9 @@ impl Drop for Workshop {
     }
 }
 
-/// Removes recordings that differ from what was written, or that lack joints.
-fn leave_out(target: &mut SqlStore, seals: &Seals) -> Result<Vec<(i64, i64, i64)>, StoreError> {
+/// Removes recordings that differ from what was written, or that lack joints. Those of the rows in `open` stay only if the
+/// digest of the whole recording vouches for them.
+fn leave_out(target: &mut SqlStore, seals: &Seals, open: &[StoredRow]) -> Result<Vec<(i64, i64, i64)>, StoreError> {
     let mut left_out = Vec::new();
     for run in target.run_numbers()? {
         // The largest number of joints of any recording of the run. A recording with fewer has lost
@@ -248,7 +256,7 @@ fn leave_out(target: &mut SqlStore, seals: &Seals) -> Result<Vec<(i64, i64, i64)
         for r in &recordings {
             let whole = match seals.known(run, &recording_subject(r.sphere, r.pose), digest::of_recording(r)) {
                 Some(same) => same,
-                None => r.q.len() == joints && joints > 0,
+                None => r.q.len() == joints && joints > 0 && !open.iter().any(|row| is_of(row, run, r)),
             };
             if !whole {
                 left_out.push((run, i64::from(r.sphere), i64::from(r.pose)));
@@ -273,6 +281,16 @@ fn leave_out(target: &mut SqlStore, seals: &Seals) -> Result<Vec<(i64, i64, i64)
         })?;
     }
     Ok(left_out)
+}
+
+/// Whether a row of `recordings` is that of a recording.
+fn is_of(row: &StoredRow, run: i64, recording: &Recording) -> bool {
+    let whole = |k: usize| match row.get(k) {
+        Some(SealedValue::Whole(value)) => Some(*value),
+        _ => None,
+    };
+    let key = [run, recording.sphere.into(), recording.pose.into()];
+    key.into_iter().enumerate().all(|(k, value)| whole(k) == Some(value))
 }
 
 /// Marks runs whose state is lost by the results that they have: `complete` where the summary is there that is

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 
 use super::Recovered;
 use super::rows::{Source, StoredRow, read_rows, read_table, run_of};
-use crate::seal::{RESULTS, SEALED, SPARES, SealedValue, of_row};
+use crate::seal::{RECORDINGS, RESULTS, SEALED, SPARES, SealedValue, of_row};
 use crate::spares::{SPARED, poses_of, spheres_of};
 use crate::{RunInfo, SqlStore, StoreError};
 
@@ -89,15 +89,28 @@ impl Seals {
         self.values.contains(&digest) || (0..64).any(|bit| self.values.contains(&(digest ^ (1 << bit))))
     }
 
-    /// Whether a digest is as it was written; `None` if that cannot be told.
+    /// Whether a digest is as it was written; `None` if there is none that could tell.
     pub(super) fn known(&self, run: i64, subject: &str, digest: i64) -> Option<bool> {
         if self.has(digest) {
             Some(true)
-        } else if self.by_subject.contains_key(&(run, subject.to_owned())) || (self.sealed && self.whole) {
+        } else if self.by_subject.contains_key(&(run, subject.to_owned())) {
             Some(false)
         } else {
             None
         }
+    }
+
+    /// Of the rows of `recordings` that no digest vouches for, those whose own digest is lost. The digest of the whole
+    /// recording, with its joints, may still vouch for them.
+    pub(super) fn open(&self, rows: &[StoredRow]) -> Vec<StoredRow> {
+        let lost = |row: &&StoredRow| match row.as_slice() {
+            [SealedValue::Whole(run), sphere, pose, ..] => {
+                let subject = format!("{} {sphere} {pose}", RECORDINGS.name);
+                !self.by_subject.contains_key(&(*run, subject))
+            }
+            _ => false,
+        };
+        rows.iter().filter(lost).cloned().collect()
     }
 
     /// Whether a row is as it was written, or nothing is known against it.
