@@ -202,6 +202,11 @@ impl Nest {
         }
     }
 
+    /// How far (m) a force (N) presses the pads in. Three of them at right angles are as stiff in every direction as one.
+    pub(super) fn pressed_by(&self, force_n: f64) -> f64 {
+        force_n / self.config.stiffness_n_m
+    }
+
     #[inline]
     fn push(&self, touches: &mut Touches, point: Vector3<f64>, normal: Vector3<f64>, depth: f64, kind: TouchKind) {
         // The list holds every touch that can happen at once; more are dropped.

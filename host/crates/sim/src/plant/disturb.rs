@@ -122,15 +122,17 @@ impl<const N: usize> Plant<N> {
         }
     }
 
-    /// Moves a pushed sphere by its remaining displacement.
+    /// Moves a pushed sphere by its remaining displacement, as far as the pads' springs permit it: a step at full speed alone
+    /// presses them by more than the push has.
     pub(super) fn shove(&mut self) {
         let Some((index, rest)) = self.shoved else {
             return;
         };
-        if self.truth().contact_n.norm() > SHOVE_N {
+        let room = self.nest.pressed_by(SHOVE_N - self.truth().contact_n.norm());
+        if room <= 0.0 {
             return;
         }
-        let step = rest * (SHOVE_STEP_M / rest.norm()).min(1.0);
+        let step = rest * (SHOVE_STEP_M.min(room) / rest.norm()).min(1.0);
         self.move_sphere(index, step.into());
         let rest = rest - step;
         self.shoved = (rest.norm() > f64::EPSILON).then_some((index, rest));
