@@ -80,7 +80,7 @@ fn a_nest_that_slips_on_in_the_first_turn_had_no_place() {
             assert_eq!(
                 seats.take(&visit(0.1), &at(2.31)).expect("the place"),
                 SeatVerdict::Sound
-            )
+            );
         },
     ];
     for spoil in of_worth {
