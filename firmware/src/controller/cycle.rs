@@ -14,6 +14,17 @@ use crate::safety::{JointState, Touch, Violation};
 /// observer's pole, so that both together do not swing. A cable of 5 N m/rad in a turn of 1.5 rad/s is 0.4 N m ahead.
 const SEATED_PER_S: f64 = 20.0;
 
+/// Speed of a joint, without sign, by which an arm counts as at rest, in rad/s: that of the drive, or that of its angles where
+/// they show less than a quarter of it.
+///
+/// A contact that chatters faster than the drive samples it, or a tachometer with an offset, shows a speed that no angle
+/// follows. What is recorded are angles.
+#[inline]
+fn believed(drive: f64, turned: f64) -> f64 {
+    let (drive, turned) = (drive.abs(), turned.abs());
+    if turned < 0.25 * drive { turned } else { drive }
+}
+
 impl<const N: usize> Controller<N> {
     /// A command of the session that asks for the brakes.
     pub(super) fn disabled(&mut self, session: u32, tick: u64) -> DriveCommand {
@@ -59,6 +70,7 @@ impl<const N: usize> Controller<N> {
         self.instability.reset();
         self.pressing.reset();
         self.filtered_dq = [0.0; N];
+        self.forgot_q = true;
         self.wrench = Wrench::default();
     }
 
@@ -67,6 +79,9 @@ impl<const N: usize> Controller<N> {
         self.latest_q = state.q;
         if self.last.is_none() {
             self.release();
+        }
+        if self.forgot_q {
+            (self.forgot_q, self.filtered_q) = (false, state.q);
         }
         self.blind_ticks = 0;
         let Some(configured) = &self.configured else {
@@ -92,7 +107,9 @@ impl<const N: usize> Controller<N> {
         let mut joint_speed = 0.0f64;
         for i in 0..N {
             self.filtered_dq[i] += share * (state.dq[i] - self.filtered_dq[i]);
-            joint_speed = joint_speed.max(self.filtered_dq[i].abs());
+            let turned = (state.q[i] - self.filtered_q[i]) * STILL_FILTER;
+            self.filtered_q[i] += share * (state.q[i] - self.filtered_q[i]);
+            joint_speed = joint_speed.max(believed(self.filtered_dq[i], turned));
         }
         if !self.holding {
             self.holding = true;

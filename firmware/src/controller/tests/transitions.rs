@@ -147,6 +147,26 @@ fn a_disturbed_recording_is_begun_anew() {
     assert!(recordings[0].q.iter().all(|q| q.std < 1e-3));
 }
 
+/// Fails if an arm whose angles rest is never recorded because its drive shows speeds: 10 mrad/s at every third tick, as of a
+/// contact that chatters faster than it is sampled, or an offset of 4 mrad/s.
+#[test]
+fn an_arm_whose_angles_rest_is_at_rest() {
+    let speeds: [fn(u64) -> f64; 2] = [|tick| if tick % 3 == 0 { 0.010 } else { -0.000_8 }, |_| 0.004];
+    for speed in speeds {
+        let mut bench = Bench::coupled();
+        bench.pose(0.1, true).expect("coupled");
+        for _ in 0..8_000 {
+            bench.run_with(1, |_, state| state.dq[6] += speed(state.tick));
+        }
+        assert_eq!(
+            (bench.recordings().len(), bench.faults().len()),
+            (1, 0),
+            "{:?}",
+            bench.faults()
+        );
+    }
+}
+
 /// Fails if a recording counts although its nest came loose while the arm stood
 /// still, or if it does not count without the pull: then the test proves nothing.
 #[test]

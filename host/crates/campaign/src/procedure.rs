@@ -20,7 +20,7 @@ use spherecal_link::{Device, Journal};
 use spherecal_plan::Visit;
 
 /// How work at a sphere ended.
-enum AtSphere {
+pub(super) enum AtSphere {
     /// All poses are recorded or given up, and the nest is off the sphere.
     Finished,
     /// A fault; the arm holds.
@@ -246,7 +246,7 @@ impl<'a> Campaign<'a> {
             self.travel(session, "reach the approach frame", &approach)?;
             let before = self.recorded;
             let contacts = session.contacts.len();
-            let (report, pose) = match self.attempt(session, visit)? {
+            let (report, pose) = match self.judged(session, visit)? {
                 AtSphere::Finished => {
                     self.touching = false;
                     return Ok(());
@@ -310,7 +310,7 @@ impl<'a> Campaign<'a> {
     }
 
     /// One approach: touch, couple, poses, decouple.
-    fn attempt(&mut self, session: &mut Session<'_>, visit: &Visit) -> Result<AtSphere, CampaignError> {
+    pub(super) fn attempt(&mut self, session: &mut Session<'_>, visit: &Visit) -> Result<AtSphere, CampaignError> {
         let plan = self.assignment.plan;
         let p = self.assignment.procedure;
         match self.couple(session, visit)? {

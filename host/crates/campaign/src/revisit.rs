@@ -15,7 +15,7 @@ use spherecal_shared::protocol::host::{ApproachCommand, Command, Fault, Phase};
 
 use super::CampaignError;
 use super::observe::CampaignStage;
-use super::procedure::Campaign;
+use super::procedure::{AtSphere, Campaign};
 use super::retry::{CouplingEnd, DescentEnd, Waypoints};
 use super::seats::SeatVerdict;
 use super::session::{Session, Waited};
@@ -105,6 +105,19 @@ impl Campaign<'_> {
         }
         self.touching = false;
         Ok(CouplingEnd::Again)
+    }
+
+    /// An attempt at a sphere. It tells what the coupling was worth: it counts with the first recording, and was none if the
+    /// nest left the sphere in the first turn.
+    pub(super) fn judged(&mut self, session: &mut Session<'_>, visit: &Visit) -> Result<AtSphere, CampaignError> {
+        let before = self.recorded;
+        let end = self.attempt(session, visit);
+        if self.recorded > before {
+            self.seats.recorded(visit);
+        } else if matches!(&end, Ok(AtSphere::Fault(report, Some(_))) if report.fault == Fault::ContactLost) {
+            self.seats.lost(visit);
+        }
+        end
     }
 
     /// Couples every sphere of the present placement once more whose place is known. Returns whether

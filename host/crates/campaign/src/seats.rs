@@ -14,6 +14,8 @@
 //!   not agree.
 //! - An arm that warms up drifts, and the plate with it. Where two couplings agree within what the time
 //!   since the place was found explains, the place has drifted with them.
+//! - A nest that friction held beside its seat slips on in the first turn. Such a coupling is no place, unless something was
+//!   recorded of it.
 //! - Where the couplings scatter so much that they do not tell a moved sphere from bad seats, the later ones become the
 //!   place. The residuals show what it was: the fit gives such recordings a seat of their own.
 
@@ -72,6 +74,8 @@ struct Seat {
     time_us: u64,
     /// Whether two couplings there seated well.
     confirmed: bool,
+    /// Whether something was recorded there.
+    counts: bool,
     there: Vec<Vector3<f64>>,
     /// Couplings since the last that agreed.
     off: Vec<Vector3<f64>>,
@@ -136,6 +140,8 @@ impl Seats {
             if !confirm || seat.off.iter().any(|other| (other - centre).norm() <= AGREE_M) {
                 seat.place = Some(centre);
                 seat.time_us = coupled.time_us;
+                // Whether something was recorded of it is not known here.
+                seat.counts = true;
                 let mut there = std::mem::take(&mut seat.off);
                 there.push(centre);
                 seat.confirm(&there, AGREE_M);
@@ -162,6 +168,7 @@ impl Seats {
                 place: None,
                 time_us: 0,
                 confirmed: false,
+                counts: false,
                 there: Vec::new(),
                 off: Vec::new(),
             });
@@ -176,6 +183,21 @@ impl Seats {
                 && seat.joints == visit.approach.joints
                 && seat.place.is_some()
         })
+    }
+
+    /// Notes that something was recorded at the place of a visit.
+    pub(super) fn recorded(&mut self, visit: &Visit) {
+        self.of(visit).counts = true;
+    }
+
+    /// The nest left its sphere in a turn, before anything was recorded of its coupling. If that gave the place, it had not
+    /// seated, and nothing depends on it.
+    pub(super) fn lost(&mut self, visit: &Visit) {
+        let seat = self.of(visit);
+        if !seat.counts && seat.there.len() == 1 {
+            seat.place = None;
+            seat.there.clear();
+        }
     }
 
     /// Takes a coupling.

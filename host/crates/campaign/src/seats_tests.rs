@@ -57,6 +57,38 @@ fn three_couplings_elsewhere_are_a_moved_sphere() {
     assert_eq!(seats.take(&visit(0.2), &at(3.0)).expect("a place"), SeatVerdict::Sound);
 }
 
+// Fails if a coupling whose nest slips on before anything is recorded is compared with the next ones, or if one is forgotten
+// of which something was recorded, or with which a second one agrees.
+#[test]
+fn a_nest_that_slips_on_in_the_first_turn_had_no_place() {
+    let here = visit(0.1);
+    let first_after = |spoil: fn(&mut Seats)| {
+        let mut seats = seats(false);
+        seats.take(&visit(0.1), &at(2.33)).expect("a place");
+        spoil(&mut seats);
+        seats.lost(&visit(0.1));
+        seats
+    };
+    let mut slipped = first_after(|_| {});
+    assert!(!slipped.knows(&here));
+    for x_mm in [0.0, 0.03, 0.01] {
+        assert_eq!(slipped.take(&here, &at(x_mm)).expect("a place"), SeatVerdict::Sound);
+    }
+    let of_worth: [fn(&mut Seats); 2] = [
+        |seats| seats.recorded(&visit(0.1)),
+        |seats| {
+            assert_eq!(
+                seats.take(&visit(0.1), &at(2.31)).expect("the place"),
+                SeatVerdict::Sound
+            );
+        },
+    ];
+    for spoil in of_worth {
+        let said = first_after(spoil).take(&here, &at(0.0)).expect("undecided");
+        assert!(matches!(said, SeatVerdict::Off(_)), "{said:?}");
+    }
+}
+
 // Fails if a bad seat, or two that disagree, counts as a moved sphere although a later coupling is
 // at the place, or if couplings that never come back to it do not.
 #[test]

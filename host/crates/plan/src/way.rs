@@ -95,7 +95,13 @@ impl Scene {
         self.search(from, to, &goal)
     }
 
-    /// Configurations straight above `q` (rad), and behind it along the tool's axis.
+    /// Whether the controller takes these angles (rad) as the target of a motion. It refuses what is within its margin of a
+    /// limit, also for an arm that stands there.
+    fn may_be_target(&self, q: &[f64]) -> bool {
+        self.chain.limit_margin(q) >= self.limits.position_margin_rad
+    }
+
+    /// Configurations straight above `q` (rad), and behind it along the tool's axis, that may be a target.
     fn lifts(&self, q: &[f64]) -> Vec<Vec<f64>> {
         let pose = self.chain.pose(q);
         let back = -(pose.rotation * Vector3::z());
@@ -115,7 +121,9 @@ impl Scene {
                         None => break 'line,
                     }
                 }
-                lifts.push(joints.clone());
+                if self.may_be_target(&joints) {
+                    lifts.push(joints.clone());
+                }
             }
         }
         lifts
@@ -173,7 +181,7 @@ impl Scene {
             between(&node, target, GROWTH_RAD / distance)
         };
         let path: [&[f64]; 2] = if backwards { [&next, &node] } else { [&node, &next] };
-        if !self.clear(&path, goal) {
+        if !self.may_be_target(&next) || !self.clear(&path, goal) {
             return None;
         }
         tree.push((next.clone(), nearest));

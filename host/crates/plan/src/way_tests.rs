@@ -133,6 +133,32 @@ fn from_every_pose_a_clear_way_leads_back() {
     assert!(tight * 10 < ways, "{tight} of {ways} retreats are not clear");
 }
 
+// Fails if a way leads over a via that the controller refuses: an arm that was pushed to the end of a joint's range, or beyond
+// the margin of it, was told to lift itself there, and the run ended.
+#[test]
+fn no_via_is_at_the_end_of_a_range() {
+    let (plan, chain) = cell();
+    let scene = scene(&plan, &chain);
+    let margin = Limits::default().position_margin_rad;
+    let last = chain.limits()[6];
+    let mut vias = 0;
+    for visit in &plan.spheres {
+        for pose in &visit.poses {
+            for room in [0.003, 0.0095, 0.012] {
+                for end in [last.min_rad + room, last.max_rad - room] {
+                    let mut q = pose.joints.clone();
+                    q[6] = end;
+                    let way = scene.way(&q, &visit.approach.joints).unwrap_or_default();
+                    vias += way.len().saturating_sub(1);
+                    let tight = way.iter().find(|via| chain.limit_margin(via) < margin);
+                    assert_eq!(tight, None, "pose {}, {room} rad from the end", pose.id);
+                }
+            }
+        }
+    }
+    assert!(vias > 0, "nothing was in the way");
+}
+
 // Fails if a way leads from under the plate through it: its first move hit a sphere from below.
 #[test]
 fn from_under_the_plate_no_way_is_known() {

@@ -86,7 +86,7 @@ pub(super) const TABLE: &[(&str, &str, u64)] = &[
     ("a turn that is blocked", "JointTorque in Turning, Idle", 0xea04643c8f233149),
     ("a turn with a load that it cannot turn", "PathDeviation in Turning, Idle", 0x2f81c1a9ea05da48),
     ("a turn whose elbow is held", "MotionTimeout in Turning, Idle", 0xc3c927add992f503),
-    ("a turn that never rests", "MotionTimeout in Turning, Idle", 0x1e44c4892b46d9f2),
+    ("a turn that never rests", "MotionTimeout in Turning, Idle", 0xe4cc6738ff8a20aa),
     ("a recording of an arm that never rests", "MotionTimeout in Recording, Idle", 0x2ecdf8efbad328a3),
     ("a recording that begins anew for ever", "MotionTimeout in Recording, Idle", 0x97cda513a025a653),
     ("a magnet that does not let go", "StillCoupled in Decoupling, Idle", 0x03e52d67dc19ea62),
