@@ -304,8 +304,9 @@ pub fn remedy(fault: Fault) -> &'static str {
         Fault::TcpSpeed => "lower procedure.motion.speed_rad_s, and find out what pushes the arm",
         Fault::Workspace => "the path leaves procedure.limits.workspace or reaches the plate: check plate and plan",
         Fault::Unstable => {
-            "control makes the joint oscillate: the drive answers later than the latency_us of its handshake, or it declares \
-             wrong motor_kg_m2 or torque_sign; measure its delay and declare it (for franka:, fri: and ur: in [cell.drive])"
+            "control makes the joint oscillate, unless something struck the arm: the drive answers later than the latency_us \
+             of its handshake, or it declares wrong motor_kg_m2 or torque_sign; measure its delay and declare it (for \
+             franka:, fri: and ur: in [cell.drive])"
         }
         Fault::KineticEnergy => {
             "control or something outside drives the arm: find out what pushes it, and check latency_us, motor_kg_m2 and \

@@ -66,6 +66,17 @@ const DISTURBED: &[Fault] = &[
     Fault::Disturbance,
 ];
 
+/// The same of a blow, which may also make a light joint swing.
+const STRUCK: &[Fault] = &{
+    let mut faults = [Fault::Unstable; DISTURBED.len() + 1];
+    let mut k = 0;
+    while k < DISTURBED.len() {
+        faults[k] = DISTURBED[k];
+        k += 1;
+    }
+    faults
+};
+
 /// The same for an arm whose encoder sticks; when it is free again, its angle jumps.
 const STUCK: &[Fault] = &[
     Fault::StaleState,
@@ -244,7 +255,7 @@ pub const PRESETS: &[Preset] = &[
             over_s: 0.2,
         },
         when: during(Phase::Recording, 2, 0.5),
-        faults: DISTURBED,
+        faults: STRUCK,
         within_ms: None,
         borne: true,
     },
@@ -255,7 +266,7 @@ pub const PRESETS: &[Preset] = &[
             force_n: [35.0, 35.0, 0.0],
         },
         when: during(Phase::Recording, 2, 0.4),
-        faults: DISTURBED,
+        faults: STRUCK,
         within_ms: None,
         borne: true,
     },
