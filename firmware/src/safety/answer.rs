@@ -18,6 +18,10 @@ const SURE: f64 = 7.0;
 /// between which the real one is, and 0 elsewhere. In the simulation an iiwa 7 at rest that answers 3 ms late, between two ticks,
 /// has 0.25 at both and 0.10 at none. What a contact or a motor's own loop adds to the measured torque is not correlated.
 const BEYOND: f64 = 0.08;
+/// How negative the correlation must be two periods beside a delay, as a share of that at the delay. That of noise has -2/3 there,
+/// because of the two middle parts of a rough part. A ripple of several periods, as of joints that stick and slip or of a contact
+/// that chatters, is alike at many delays, or at those where it repeats.
+const DIP: f64 = 0.5;
 /// Time for which it must show, in s: as of a torque beyond its limit.
 const DWELL_S: f64 = 0.020;
 
@@ -139,7 +143,17 @@ impl<const N: usize> AnswerWatch<N> {
                 longest = delay;
             }
         }
-        (longest > known && longest <= shortest + 1).then_some(longest)
+        (longest > known && longest <= shortest + 1 && self.dips(longest, shortest, known)).then_some(longest)
+    }
+
+    /// Whether the correlation is as negative beside a delay, found as `shortest` to `longest`, as that of noise.
+    fn dips(&self, longest: usize, shortest: usize, known: usize) -> bool {
+        let dips = |delay: usize, beside: usize| match (self.common.get(delay), self.common.get(beside)) {
+            // At the delay that is known the torques were alike until now.
+            (Some(peak), Some(common)) => beside == known || *common <= -DIP * peak,
+            _ => true,
+        };
+        dips(longest, longest + 2) && shortest.checked_sub(2).is_none_or(|before| dips(shortest, before))
     }
 }
 
@@ -208,6 +222,30 @@ mod tests {
             watch.push(&[ripple; 3], &[-ripple; 3], 0, 1e-3)
         });
         assert_eq!(found, None);
+    }
+
+    // Fails if a ripple of several periods shows a delay: one of three that a joint without noise has which sticks and slips, a
+    // tick apart in both torques, or one that slowly changes its frequency.
+    #[test]
+    fn a_ripple_of_some_periods_shows_no_delay() {
+        let three = |tick: u64| [0.05, -0.03, -0.02].map(|size| size * [1.0, -0.4, -0.6][(tick % 3) as usize]);
+        let slow =
+            |tick: u64| [0.05, 0.02, -0.04].map(|size| size * libm::sin(tick as f64 * (0.7 + 1e-5 * tick as f64)));
+        let ripples: [&dyn Fn(u64) -> [f64; 3]; 2] = [&three, &slow];
+        for ripple in ripples {
+            for lag in 1..=6 {
+                let mut watch = AnswerWatch::<3>::default();
+                let mut noise = 0;
+                let found = (10..3000u64).find_map(|tick| {
+                    let measured = ripple(tick - lag).map(|torque| {
+                        noise += 1;
+                        torque + 0.01 * random(noise)
+                    });
+                    watch.push(&ripple(tick), &measured, 0, 1e-3)
+                });
+                assert_eq!(found, None, "{lag}");
+            }
+        }
     }
 
     // Fails if a delay is found in some tens of ticks with jumps of both torques that have nothing in common.
