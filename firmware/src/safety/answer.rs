@@ -18,10 +18,11 @@ const SURE: f64 = 7.0;
 /// between which the real one is, and 0 elsewhere. In the simulation an iiwa 7 at rest that answers 3 ms late, between two ticks,
 /// has 0.25 at both and 0.10 at none. What a contact or a motor's own loop adds to the measured torque is not correlated.
 const BEYOND: f64 = 0.08;
-/// How negative the correlation must be two periods beside a delay, as a share of that at the delay. That of noise has -2/3 there,
-/// because of the two middle parts of a rough part. A ripple of several periods, as of joints that stick and slip or of a contact
-/// that chatters, is alike at many delays, or at those where it repeats.
-const DIP: f64 = 0.5;
+/// How negative the correlation must be two periods beside a delay, in the mean of both sides, as a share of that at the delay.
+/// That of noise has -2/3 there, because of the two middle parts of a rough part. A ripple of several periods, as of joints that
+/// stick and slip or of a contact that chatters, is alike at many delays, or at those where it repeats. (Half of it at either side
+/// found steps of the delay too late; 0.3 let the stick and slip of an arm on another physics engine pass for a delay.)
+const DIP: f64 = 0.4;
 /// Time for which it must show, in s: as of a torque beyond its limit.
 const DWELL_S: f64 = 0.020;
 
@@ -146,14 +147,20 @@ impl<const N: usize> AnswerWatch<N> {
         (longest > known && longest <= shortest + 1 && self.dips(longest, shortest, known)).then_some(longest)
     }
 
-    /// Whether the correlation is as negative beside a delay, found as `shortest` to `longest`, as that of noise.
+    /// Whether the correlation is as negative beside a delay, found as `shortest` to `longest`, as that of noise: in the mean of
+    /// both sides, where both are looked at.
     fn dips(&self, longest: usize, shortest: usize, known: usize) -> bool {
-        let dips = |delay: usize, beside: usize| match (self.common.get(delay), self.common.get(beside)) {
-            // At the delay that is known the torques were alike until now.
-            (Some(peak), Some(common)) => beside == known || *common <= -DIP * peak,
-            _ => true,
-        };
-        dips(longest, longest + 2) && shortest.checked_sub(2).is_none_or(|before| dips(shortest, before))
+        let peak = self.common.get(longest).copied().unwrap_or_default();
+        // At the delay that is known the torques were alike until now.
+        let before = shortest.checked_sub(2).filter(|before| *before != known);
+        let (mut sum, mut count) = (0.0, 0.0);
+        for beside in before.into_iter().chain([longest + 2]) {
+            if let Some(common) = self.common.get(beside) {
+                sum += common;
+                count += 1.0;
+            }
+        }
+        sum <= -DIP * peak * count
     }
 }
 
