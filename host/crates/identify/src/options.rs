@@ -25,6 +25,8 @@ pub enum Method {
     /// Levenberg-Marquardt on the paper's distance residuals and 21 parameters.
     Lm,
     /// Gauss-Newton on the same.
+    // Stored configurations of earlier versions may name the paper's simplex, which sought the least of the same fitness.
+    #[serde(alias = "nelder-mead", alias = "nelder-mead-scaled")]
     GaussNewton,
 }
 
@@ -266,5 +268,23 @@ impl Options {
             });
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if a run that an earlier version stored cannot be read any more because of the name of its method.
+    #[test]
+    fn stored_methods_of_earlier_versions_are_read() {
+        for (name, method) in [
+            ("map", Method::Full),
+            ("nelder-mead", Method::GaussNewton),
+            ("nelder-mead-scaled", Method::GaussNewton),
+        ] {
+            let read: Method = serde_json::from_value(name.into()).expect("a method");
+            assert_eq!(read, method);
+        }
     }
 }

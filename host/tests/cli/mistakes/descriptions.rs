@@ -47,6 +47,13 @@ pub(super) fn mistakes() -> Vec<Mistake> {
             &["map", "give `full`"],
         ),
         with(
+            &["--robot", "ur5e", "--data", "good.csv", "--method", "nelder-mead"],
+            "a method that the lab has now",
+            "x",
+            "",
+            &["nelder-mead", "`spherecal-lab reproduce`"],
+        ),
+        with(
             &["--robot", "ur5e", "--data", "contacts.csv"],
             "contacts without a plate",
             "x",
