@@ -1,27 +1,23 @@
 //! The estimators that the studies compare.
 
-use spherecal_identify::{Comparison, Estimator, Method, Options, Override, Pairs, identify};
+use spherecal_identify::{Comparison, Estimator, Method, Options, Override, identify};
 
 use crate::paper::{self, PaperProcedure};
 
 /// An estimator to compare with. `None` for those that every table has, and for that which knows the laws where there are none.
 pub(crate) fn comparison(estimator: Estimator, known_laws: Option<&Options>) -> Option<Comparison> {
-    let simplex = |options: Options| Options {
-        pairs: Pairs::Vector,
-        ..options
-    };
     Some(match estimator {
         Estimator::Nominal | Estimator::Sphere => return None,
         Estimator::KnownLaws => Comparison::known_laws(known_laws?.clone()),
         Estimator::Laser => Comparison::laser(),
         Estimator::LaserFull => Comparison::laser_full(),
         Estimator::Geometry => Comparison::new(estimator, |c| identify(c.contacts(), &c.by(Method::Geometry))),
-        Estimator::PaperNelderMead => Comparison::new(estimator, move |c| {
-            paper::identify(&c.with_tool(c.contacts()), &simplex(c.by(Method::GaussNewton)))
+        Estimator::PaperNelderMead => Comparison::new(estimator, |c| {
+            paper::identify(&c.with_tool(c.contacts()), &c.by(Method::GaussNewton))
         }),
         // The paper holds base and tool at what the arcs gave.
-        Estimator::LaserNelderMead => Comparison::new(estimator, move |c| {
-            paper::identify(&c.with_tool(&c.points()), &simplex(c.absolute(Method::GaussNewton)))
+        Estimator::LaserNelderMead => Comparison::new(estimator, |c| {
+            paper::identify(&c.with_tool(&c.points()), &c.absolute(Method::GaussNewton))
         }),
         Estimator::GaussNewton => Comparison::new(estimator, |c| {
             let contacts = c.with_tool(c.contacts());

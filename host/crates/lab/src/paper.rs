@@ -21,7 +21,9 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::simplex::{Minimum, SearchLimits, Stopping, minimise, stepped_simplex, usual_simplex};
-use spherecal_identify::{Calibration, DistanceProblem, Experiment, IdentifyError, Observation, Options, Set, Target};
+use spherecal_identify::{
+    Calibration, DistanceProblem, Experiment, IdentifyError, Observation, Options, Pairs, Set, Target,
+};
 
 /// The value in Table 6 of parameters that were never identified (mm or rad), and the tolerance
 /// about it.
@@ -205,13 +207,18 @@ pub fn problem(
     Ok((DistanceProblem::new(experiment, &options)?, options))
 }
 
-/// The paper's calibration: mini-batches of pairs of contacts, or one search over all measured points.
+/// The paper's calibration: mini-batches of pairs of contacts by the vectors of Equation 9, or one search over all measured
+/// points.
 ///
 /// # Errors
 /// What [`DistanceProblem::new`] refuses.
 pub fn identify(experiment: &Experiment, options: &Options) -> Result<Calibration, IdentifyError> {
     let procedure = PaperProcedure::default();
-    let (problem, options) = problem(experiment, options, &procedure)?;
+    let options = Options {
+        pairs: Pairs::Vector,
+        ..options.clone()
+    };
+    let (problem, options) = problem(experiment, &options, &procedure)?;
     let run = if has_contacts(experiment) {
         mini_batches(&problem, &procedure, options.seed)
     } else {
