@@ -70,7 +70,7 @@ impl<const N: usize> Controller<N> {
         self.instability.reset();
         self.pressing.reset();
         self.filtered_dq = [0.0; N];
-        self.forgot_q = true;
+        self.filtered_q = None;
         self.wrench = Wrench::default();
     }
 
@@ -79,9 +79,6 @@ impl<const N: usize> Controller<N> {
         self.latest_q = state.q;
         if self.last.is_none() {
             self.release();
-        }
-        if self.forgot_q {
-            (self.forgot_q, self.filtered_q) = (false, state.q);
         }
         self.blind_ticks = 0;
         let Some(configured) = &self.configured else {
@@ -105,10 +102,11 @@ impl<const N: usize> Controller<N> {
             .update(&snapshot, &state.tau, self.procedure.law.observer_rad_s, self.period_s);
         let share = (STILL_FILTER * self.period_s).min(1.0);
         let mut joint_speed = 0.0f64;
+        let filtered_q = self.filtered_q.get_or_insert(state.q);
         for i in 0..N {
             self.filtered_dq[i] += share * (state.dq[i] - self.filtered_dq[i]);
-            let turned = (state.q[i] - self.filtered_q[i]) * STILL_FILTER;
-            self.filtered_q[i] += share * (state.q[i] - self.filtered_q[i]);
+            let turned = (state.q[i] - filtered_q[i]) * STILL_FILTER;
+            filtered_q[i] += share * (state.q[i] - filtered_q[i]);
             joint_speed = joint_speed.max(believed(self.filtered_dq[i], turned));
         }
         if !self.holding {

@@ -96,10 +96,8 @@ pub struct Controller<const N: usize> {
     measured: [f64; N],
     wrench: Wrench,
     filtered_dq: [f64; N],
-    /// The angles through the same low-pass, in rad.
-    filtered_q: [f64; N],
-    /// Whether the next angles begin that low-pass anew.
-    forgot_q: bool,
+    /// The angles through the same low-pass, in rad; the next angles begin it where there are none.
+    filtered_q: Option<[f64; N]>,
     phase_ticks: u32,
     silent_ticks: u32,
 
@@ -153,8 +151,7 @@ impl<const N: usize> Default for Controller<N> {
             measured: [0.0; N],
             wrench: Wrench::default(),
             filtered_dq: [0.0; N],
-            filtered_q: [0.0; N],
-            forgot_q: true,
+            filtered_q: None,
             phase_ticks: 0,
             silent_ticks: 0,
             schedule: Schedule::default(),

@@ -20,8 +20,9 @@ const SURE: f64 = 7.0;
 const BEYOND: f64 = 0.08;
 /// How negative the correlation must be two periods beside a delay, in the mean of both sides, as a share of that at the delay.
 /// That of noise has -2/3 there, because of the two middle parts of a rough part. A ripple of several periods, as of joints that
-/// stick and slip or of a contact that chatters, is alike at many delays, or at those where it repeats. (Half of it at either side
-/// found steps of the delay too late; 0.3 let the stick and slip of an arm on another physics engine pass for a delay.)
+/// stick and slip or of a contact that chatters, is alike at many delays, or at those where it repeats. (Asked of
+/// each side alone, 0.5 found steps of the delay too late, and 0.3 took the stick and slip of an arm on another physics engine for a
+/// delay.)
 const DIP: f64 = 0.4;
 /// Time for which it must show, in s: as of a torque beyond its limit.
 const DWELL_S: f64 = 0.020;
