@@ -37,6 +37,7 @@ mod path;
 mod place;
 mod retreat;
 mod scene;
+mod selection;
 mod start;
 #[cfg(test)]
 mod test_support;

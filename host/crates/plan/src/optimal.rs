@@ -5,29 +5,22 @@
 //! whitened 3 x m rows of candidate c, and `W` the mean of `G_vᵀ G_v` over the validation
 //! configurations (base aligned). The criterion is `tr(W Σ)`, the mean square of the predicted TCP
 //! error. Adding c changes it by `−tr((I + S)⁻¹ T)` with `S = A Σ Aᵀ` and `T = A Σ W Σ Aᵀ`, both 3 x 3. `S` and `T` are
-//! stored for every candidate and updated with each choice, so a choice among N costs `18 N m` multiplications.
+//! stored for every candidate and updated with each choice, so a choice among N costs `18 N m` multiplications,
+//! in single precision: they only rank. `Σ` and the criterion have double precision.
 //!
 //! A choice may weigh a pose's gain against its travel time ([`Travel`]).
 
-use nalgebra::{DMatrix, Matrix3, Matrix6, Matrix6xX, SMatrix, Vector3};
+use nalgebra::{DMatrix, Matrix3};
 use rayon::prelude::*;
 
+use super::selection::{SelectionProblem, product, single};
 use super::travel::Travel;
 
+/// Numbers of chosen poses after which a growing design computes `S` and `T` of all candidates anew. They
+/// fall by orders of magnitude with the first poses, so the error of single precision would remain.
+const ANEW: [usize; 3] = [8, 32, 128];
 /// Mean length of a normal 3-vector over its root mean square (exact if isotropic).
 const MEAN_OF_RMS: f64 = 0.9213;
-
-/// The predictions, and the possible measurements.
-pub(super) struct SelectionProblem {
-    /// Rows of candidate c are the columns 3c, 3c+1, 3c+2; m x 3N.
-    rows: DMatrix<f64>,
-    /// `W`, m x m.
-    weight: DMatrix<f64>,
-    /// `G_vᵀ` of each validation configuration, base aligned, m x 3, in m.
-    predictions: Vec<DMatrix<f64>>,
-    /// Variance (trace) of the unmodelled joint noise at each of them, in m².
-    noise: Vec<f64>,
-}
 
 /// Predicted TCP error over the validation configurations, base aligned, in m.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,102 +28,6 @@ pub(super) struct Predicted {
     pub(super) mean: f64,
     /// Mean length at the worst configuration.
     pub(super) worst: f64,
-}
-
-impl SelectionProblem {
-    /// From the candidates' rows (3 x m each, row by row) and from rows, place
-    /// and noise of the predictions ([`spherecal_identify::DesignModel`]).
-    pub(super) fn new(m: usize, candidates: &[Vec<f64>], predictions: &[(Vec<f64>, Vector3<f64>, f64)]) -> Self {
-        let mut rows = DMatrix::zeros(m, 3 * candidates.len());
-        for (target, source) in rows.as_mut_slice().chunks_mut((3 * m).max(1)).zip(candidates) {
-            target.copy_from_slice(&source[..3 * m]);
-        }
-        let noise: Vec<f64> = predictions.iter().map(|p| p.2).collect();
-        let points: Vec<Vector3<f64>> = predictions.iter().map(|p| p.1).collect();
-        let mut blocks: Vec<DMatrix<f64>> = predictions
-            .iter()
-            .map(|p| DMatrix::from_column_slice(m, 3, &p.0[..3 * m]))
-            .collect();
-        align(&mut blocks, &points);
-        let mut weight = DMatrix::zeros(m, m);
-        for block in &blocks {
-            weight.gemm(1.0 / blocks.len().max(1) as f64, block, &block.transpose(), 1.0);
-        }
-        Self {
-            rows,
-            weight,
-            predictions: blocks,
-            noise,
-        }
-    }
-
-    fn candidate(&self, c: usize) -> DMatrix<f64> {
-        self.rows.columns(3 * c, 3).into_owned()
-    }
-
-    fn count(&self) -> usize {
-        self.rows.ncols() / 3
-    }
-
-    /// The same with only these candidates.
-    pub(super) fn only(&self, candidates: &[usize]) -> Self {
-        let m = self.rows.nrows();
-        let mut rows = DMatrix::zeros(m, 3 * candidates.len());
-        for (k, c) in candidates.iter().enumerate() {
-            rows.columns_mut(3 * k, 3).copy_from(&self.rows.columns(3 * c, 3));
-        }
-        Self {
-            rows,
-            weight: self.weight.clone(),
-            predictions: self.predictions.clone(),
-            noise: self.noise.clone(),
-        }
-    }
-}
-
-/// `Xᵀ A` and `Yᵀ A` for a candidate's rows `A` (its three columns one after the other). `left` has
-/// X and Y side by side.
-fn products(left: &[[f64; 6]], rows: &[f64]) -> (Matrix3<f64>, Matrix3<f64>) {
-    let (one, rest) = rows.split_at(left.len());
-    let (two, three) = rest.split_at(left.len());
-    let mut sums = [[0.0; 6]; 3];
-    for (((l, a), b), c) in left.iter().zip(one).zip(two).zip(three) {
-        for k in 0..6 {
-            sums[0][k] += l[k] * a;
-            sums[1][k] += l[k] * b;
-            sums[2][k] += l[k] * c;
-        }
-    }
-    let part = |first: usize| Matrix3::from_fn(|i, j| sums[j][first + i]);
-    (part(0), part(3))
-}
-
-/// Removes the best-fitting rigid motion of all points from every column.
-fn align(blocks: &mut [DMatrix<f64>], points: &[Vector3<f64>]) {
-    let m = blocks.first().map_or(0, DMatrix::nrows);
-    let mut normal = Matrix6::zeros();
-    let mut moments = Matrix6xX::<f64>::zeros(m);
-    let motion = |p: &Vector3<f64>| -> SMatrix<f64, 3, 6> {
-        let mut b = SMatrix::<f64, 3, 6>::zeros();
-        for axis in 0..3 {
-            let e: Vector3<f64> = Vector3::ith(axis, 1.0);
-            b.fixed_view_mut::<3, 1>(0, axis).copy_from(&e);
-            b.fixed_view_mut::<3, 1>(0, axis + 3).copy_from(&e.cross(p));
-        }
-        b
-    };
-    for (block, p) in blocks.iter().zip(points) {
-        let b = motion(p);
-        normal += b.transpose() * b;
-        moments += b.transpose() * block.transpose();
-    }
-    let Some(factor) = normal.cholesky() else {
-        return;
-    };
-    let fitted = factor.solve(&moments);
-    for (block, p) in blocks.iter_mut().zip(points) {
-        *block -= (motion(p) * &fitted).transpose();
-    }
 }
 
 /// A growing and changing choice of candidates.
@@ -289,26 +186,21 @@ impl<'a> Design<'a> {
 
     /// Adds (`sign` 1) or removes (−1) a candidate: the rank-3 update.
     fn update(&mut self, c: usize, sign: f64) {
-        let m = (self.s[c] + Matrix3::identity() * sign).try_inverse();
+        let a = self.problem.candidate(c);
+        let x = &self.sigma * &a;
+        let place = |product: DMatrix<f64>| Matrix3::from_fn(|i, j| product[(i, j)]);
+        let m = (place(a.tr_mul(&x)) + Matrix3::identity() * sign).try_inverse();
         let Some(inverse) = m else {
             return;
         };
-        let n = self.sigma.nrows();
-        let a = self.problem.candidate(c);
-        let x = &self.sigma * &a;
         let wx = &self.problem.weight * &x;
-        let inner = {
-            let product = x.tr_mul(&wx);
-            Matrix3::from_fn(|i, j| product[(i, j)])
-        };
-        let wide = &self.sigma * &wx;
-        let row = |i: usize| std::array::from_fn(|k| if k < 3 { x[(i, k)] } else { wide[(i, k - 3)] });
-        let left: Vec<[f64; 6]> = (0..n).map(row).collect();
+        let inner = place(x.tr_mul(&wx));
+        let (left, wide) = (single(&x), single(&(&self.sigma * &wx)));
         let own = self.s.par_iter_mut().zip(self.t.par_iter_mut());
-        let rows = self.problem.rows.as_slice().par_chunks((3 * n).max(1));
+        let rows = self.problem.single.par_chunks(left.len().max(1));
         let own = own.zip(rows).zip(&self.kept).with_min_len(64);
         own.filter(|(_, kept)| **kept).for_each(|(((s, t), rows), _)| {
-            let (b, d) = products(&left, rows);
+            let (b, d) = (product(&left, rows), product(&wide, rows));
             let mb = inverse * b;
             let cross = mb.transpose() * d;
             *s -= b.transpose() * mb;
@@ -340,6 +232,9 @@ impl<'a> Design<'a> {
                 return;
             };
             self.update(c, 1.0);
+            if ANEW.contains(&self.chosen.len()) {
+                self.refresh();
+            }
             on_step(self);
         }
     }

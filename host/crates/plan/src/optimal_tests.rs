@@ -1,3 +1,6 @@
+use nalgebra::Vector3;
+
+use super::super::selection::align;
 use super::*;
 use spherecal_model::halton::halton;
 
@@ -13,6 +16,10 @@ fn problem(n: usize, m: usize) -> SelectionProblem {
         .collect::<Vec<_>>();
     SelectionProblem::new(m, &candidates, &predictions)
 }
+
+// Error of what ranks the candidates, relative to its value before any choice: some roundings to
+// single precision.
+const SINGLE: f64 = 1e-6;
 
 // The criterion computed directly, by inverting the information matrix.
 fn direct(problem: &SelectionProblem, chosen: &[usize]) -> f64 {
@@ -30,18 +37,21 @@ fn direct(problem: &SelectionProblem, chosen: &[usize]) -> f64 {
 fn updates_equal_the_direct_computation() {
     let problem = problem(40, 8);
     let mut design = Design::new(&problem);
+    let largest = |of: &[Matrix3<f64>]| of.iter().map(Matrix3::amax).fold(0.0, f64::max);
+    let (s_error, t_error) = (SINGLE * largest(&design.s), SINGLE * largest(&design.t));
     assert!((design.value - direct(&problem, &[])).abs() < 1e-9);
     for (c, sign) in [(3, 1.0), (17, 1.0), (22, 1.0), (17, -1.0), (30, 1.0), (3, -1.0)] {
         let expected = design.value - if sign > 0.0 { design.gain(c) } else { -design.loss(c) };
         design.update(c, sign);
-        assert!((design.value - expected).abs() < 1e-9);
+        // Where a pose is missed most, its loss enlarges the error.
+        assert!((design.value - expected).abs() < 100.0 * SINGLE * expected);
         assert!((design.value - direct(&problem, &design.chosen)).abs() < 1e-9);
     }
     let (s, t) = (design.s.clone(), design.t.clone());
     design.refresh();
     for k in 0..40 {
-        assert!((design.s[k] - s[k]).amax() < 1e-9);
-        assert!((design.t[k] - t[k]).amax() < 1e-9);
+        assert!((design.s[k] - s[k]).amax() < s_error);
+        assert!((design.t[k] - t[k]).amax() < t_error);
     }
 }
 
