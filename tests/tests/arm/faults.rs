@@ -279,6 +279,7 @@ fn long_a_campaign_of_random_faults() {
     let table = campaign::run(&CampaignOptions {
         runs,
         seeds: 2,
+        preset: "as_measured".to_owned(),
         only: None,
         progress: false,
     })

@@ -3,7 +3,7 @@
 use clap::Args;
 
 use super::sharding::{self, ShardArgs, ShardFolder};
-use crate::faults::{CampaignOptions, MatrixOptions, WorstOptions, campaign, matrix, worst};
+use crate::faults::{CampaignOptions, MEASURED_ON, MatrixOptions, WorstOptions, campaign, matrix, worst};
 use spherecal::cli::{CliError, Exit};
 use spherecal_sim::inject::{FaultPlan, PRESETS};
 
@@ -28,6 +28,9 @@ pub struct FaultsArgs {
     /// Instead, run N runs with one to four random faults each.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub campaign: Option<u64>,
+    /// Errors of the campaign's arms, as --preset of `spherecal run`.
+    #[arg(long, value_name = "PRESET", requires = "campaign", default_value = MEASURED_ON)]
+    pub preset: String,
     /// Only the run with this number of the campaign, from 0, to inspect it again.
     #[arg(long, value_name = "N", requires = "campaign")]
     pub run: Option<u64>,
@@ -65,6 +68,7 @@ pub(super) fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
         let options = CampaignOptions {
             runs,
             seeds: args.seeds,
+            preset: args.preset.clone(),
             only: args.run,
             progress,
         };

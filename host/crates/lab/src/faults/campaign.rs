@@ -21,12 +21,14 @@ const WORSE: f64 = 1.2;
 const MOST: usize = 4;
 
 /// How many runs on how many arms.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct CampaignOptions {
     /// Runs.
     pub runs: u64,
     /// Arms.
     pub seeds: u64,
+    /// Preset of the arms' errors.
+    pub preset: String,
     /// Only the run with this number, to inspect it again.
     pub only: Option<u64>,
     /// Whether a bar is shown.
@@ -184,7 +186,7 @@ impl ShardedStudy for CampaignOptions {
         // After so many runs every arm has had its turn.
         let most = usize::try_from(self.seeds).unwrap_or(usize::MAX);
         let seeds = items.take(most).map(|item| self.seed_of(self.number_of(item)));
-        Cases::new(seeds.collect(), Finish::Calibrate)
+        Cases::new(seeds.collect(), &self.preset, Finish::Calibrate)
     }
 
     fn run(&self, cases: &Cases, item: u64) -> Result<Disturbed, FaultsError> {

@@ -141,6 +141,8 @@ pub struct FaultTrial {
     pub robot_s: f64,
 }
 
+/// Preset of the arms on which the limits of the faults' tables were measured.
+pub const MEASURED_ON: &str = "typical";
 /// Hosts that are begun again at most.
 const HOSTS: usize = 8;
 /// Control periods until an operator has freed space on a full disk.
@@ -173,15 +175,23 @@ fn shortened(mut config: Config, finish: Finish) -> Config {
 }
 
 impl Case {
-    /// The arm of a seed. Runs it once undisturbed.
+    /// The arm of a seed, of the preset on which the limits of the faults' tables were measured. Runs
+    /// it once undisturbed.
     ///
     /// # Errors
     /// The undisturbed run does not finish well.
     pub fn new(seed: u64, finish: Finish) -> Result<Self, FaultsError> {
-        // The limits of the faults' tables were measured on this arm.
+        Self::on_preset(seed, MEASURED_ON, finish)
+    }
+
+    /// The arm of a seed with the errors of a preset. Runs it once undisturbed.
+    ///
+    /// # Errors
+    /// An unknown preset, or the undisturbed run does not finish well.
+    pub fn on_preset(seed: u64, preset: &str, finish: Finish) -> Result<Self, FaultsError> {
         let config = Config {
             seed,
-            ..Config::default().on_preset("typical")
+            ..Config::default().on_preset(preset)
         };
         Self::of(config, finish)
     }

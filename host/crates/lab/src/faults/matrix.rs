@@ -9,7 +9,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::case::{FaultTrial, Finish, TrialEnd};
+use super::case::{FaultTrial, Finish, MEASURED_ON, TrialEnd};
 use super::judge::{CONTACT_N, HELD_N, HELD_S, KINETIC_J};
 use super::{Cases, FaultsError};
 use crate::shards::{self, ShardError, ShardedStudy};
@@ -244,7 +244,7 @@ impl ShardedStudy for MatrixOptions {
         let faults = presets(&self.only)?.len();
         let each = faults as u64 * u64::from(self.instants);
         let seeds = 1 + items.start / each..=1 + items.end.saturating_sub(1) / each;
-        let cases = Cases::new(seeds.clone().collect(), Finish::Record)?;
+        let cases = Cases::new(seeds.clone().collect(), MEASURED_ON, Finish::Record)?;
         let mut ticks = BTreeMap::new();
         for seed in seeds {
             let last = cases.get(seed)?.ticks.saturating_sub(EDGE_TICKS).max(EDGE_TICKS + 1);

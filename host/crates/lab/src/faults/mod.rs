@@ -24,7 +24,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use rayon::prelude::*;
 
 pub use campaign::{CampaignOptions, CampaignTable};
-pub use case::{CalibratedTrial, Case, FaultTrial, Finish, TrialEnd};
+pub use case::{CalibratedTrial, Case, FaultTrial, Finish, MEASURED_ON, TrialEnd};
 pub use judge::{CONTACT_N, HELD_N, HELD_S, JudgeRecord, KINETIC_J, PEAK_N, SUSTAINED_N};
 pub use matrix::{FaultRow, MatrixOptions, MatrixTable};
 pub use worst::{WorstCase, WorstOptions, WorstRow, WorstTable};
@@ -64,11 +64,11 @@ pub enum FaultsError {
 pub struct Cases(BTreeMap<u64, Case>);
 
 impl Cases {
-    /// The arms with these seeds, prepared on all cores.
-    fn new(seeds: BTreeSet<u64>, finish: Finish) -> Result<Self, FaultsError> {
+    /// The arms with these seeds and a preset's errors, prepared on all cores.
+    fn new(seeds: BTreeSet<u64>, preset: &str, finish: Finish) -> Result<Self, FaultsError> {
         let cases = seeds
             .into_par_iter()
-            .map(|seed| Ok((seed, Case::new(seed, finish)?)))
+            .map(|seed| Ok((seed, Case::on_preset(seed, preset, finish)?)))
             .collect::<Result<_, FaultsError>>()?;
         Ok(Self(cases))
     }
