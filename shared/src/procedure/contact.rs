@@ -199,8 +199,8 @@ pub struct Seating {
     pub check_n: f64,
     /// Duration of that pull, in s; 0 turns it off.
     pub check_s: f64,
-    /// Largest computed TCP displacement under that pull, in m. A seated nest on an
-    /// arm of 10 N/mm moves by as much. Up to three times as much is no fault if the TCP comes back.
+    /// A third of the largest computed TCP displacement under that pull, in m. A seated nest on an
+    /// arm of 10 N/mm moves by a third. After the pull the TCP must come back.
     pub check_m: f64,
 }
 

@@ -39,10 +39,12 @@ const LASTING: usize = 10;
 /// Number of consecutive ticks for which a recording's nest may be off its sphere, because pads
 /// chatter.
 const CHATTER: usize = 5;
-/// Largest motion of the nest during a recording, in m: a tenth of the target accuracy.
+/// Largest motion of the nest during a recording, and distance from its seat, in m: a tenth of the target
+/// accuracy.
 const MOVED_M: f64 = 1e-4;
-/// Number of consecutive ticks on the sphere after which the nest is in its seat.
-const SEATED: usize = 50;
+/// Number of consecutive ticks on the sphere at whose beginning the nest is in its seat: it leaves the seat
+/// faster.
+const SEATED: usize = 250;
 
 /// What a tick truly was.
 #[derive(Clone, Copy, Debug)]
@@ -103,14 +105,17 @@ impl JudgeRecord {
             worst = worst.max(off);
         }
         if worst > CHATTER {
+            // Without the magnet a nest may rest on its pads: it is no longer pressed, but at its place.
             let away = self
                 .seat_before(from, sphere)
                 .map_or(f64::INFINITY, |seat| farthest(during, &seat));
-            return Some(format!(
-                "the nest was off sphere {} for {worst} ms, {:.3} mm from its seat",
-                recording.sphere,
-                away * 1e3
-            ));
+            if away > MOVED_M {
+                return Some(format!(
+                    "the nest was off sphere {} for {worst} ms, {:.3} mm from its seat",
+                    recording.sphere,
+                    away * 1e3
+                ));
+            }
         }
         let moved = farthest(during, &during[0].tcp);
         (moved > MOVED_M).then(|| format!("the nest moved by {:.3} mm", moved * 1e3))
@@ -124,7 +129,7 @@ impl JudgeRecord {
             .windows(SEATED)
             .rev()
             .find(|run| run.iter().all(|t| t.seated == sphere))?;
-        seat.last().map(|t| t.tcp)
+        seat.first().map(|t| t.tcp)
     }
 
     fn take<const N: usize>(&mut self, plant: &Plant<N>) {
