@@ -27,8 +27,9 @@ const MOVED_M: f64 = 0.2e-3;
 /// joint by 1.3 mm. So a displacement up to this multiple of `seating.check_m` is no fault if the TCP
 /// comes back. A nest that has left its sphere does not.
 const ELASTIC_SHARE: f64 = 3.0;
-/// Time that it has for that after the pull, in s: two periods of an arm that swings with 10 Hz.
-const RETURN_S: f64 = 0.2;
+/// Time that it has for that after the pull, in s: a plate of 10 kg on 10 N/mm, damped by 5 %, swings with 5 Hz and
+/// comes to rest within 0.1 of its amplitude in 1.5 s.
+const RETURN_S: f64 = 1.5;
 
 /// Records a pose.
 #[derive(Clone, Debug)]
@@ -192,12 +193,12 @@ mod tests {
     fn an_elastic_arm_comes_back() {
         let lost = |limit: f64| Some((Fault::ContactLost, limit));
         assert_eq!(pulled(|_| 0.000_1), (150, None), "a stiff arm");
-        assert_eq!(pulled(|_| 0.000_9), (350, lost(MOVED_M)), "it slips a little");
+        assert_eq!(pulled(|_| 0.000_9), (1651, lost(MOVED_M)), "it slips a little");
         assert_eq!(pulled(|t| if t < 0.149 { 0.002 } else { 0.0 }), (150, None));
         assert_eq!(pulled(|t| if t < 0.250 { 0.002 } else { 0.000_1 }), (251, None));
         let pulled_past = |t: f64| (0.02 * (t - 0.145)).clamp(0.0, 0.001);
-        assert_eq!(pulled(pulled_past), (350, lost(MOVED_M)), "the magnet comes back");
-        assert_eq!(pulled(|_| 0.002), (350, lost(MOVED_M)));
+        assert_eq!(pulled(pulled_past), (1651, lost(MOVED_M)), "the magnet comes back");
+        assert_eq!(pulled(|_| 0.002), (1651, lost(MOVED_M)));
         let most = ELASTIC_SHARE * Scene::new().procedure.seating.check_m;
         assert_eq!(pulled(|t| 0.031 * t), (97, lost(most)));
     }
