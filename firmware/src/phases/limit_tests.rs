@@ -166,8 +166,8 @@ fn of_a_recording() {
     };
     assert_eq!(record(2e-4, 0.0, 0.1875), (4, None, true));
     assert_eq!(record(next(2e-4), 0.0, 0.0), (1, Some(Fault::ContactLost), false));
-    assert_eq!(record(0.0, 2e-4, 0.0), (4, None, true));
-    assert_eq!(record(0.0, next(2e-4), 0.0), (4, None, false), "it must come back");
+    assert_eq!(record(0.0, 0.1875, 0.0), (4, None, true));
+    assert_eq!(record(0.0, next(0.1875), 0.0), (4, None, false), "it must come back");
     assert_eq!(record(0.0, 0.75, 0.0), (4, None, false));
     assert_eq!(record(0.0, next(0.75), 0.0), (4, Some(Fault::ContactLost), false));
     assert_eq!(record(0.0, 0.0, next(0.1875)).0, 0, "it starts anew");

@@ -200,7 +200,8 @@ pub struct Seating {
     /// Duration of that pull, in s; 0 turns it off.
     pub check_s: f64,
     /// A third of the largest computed TCP displacement under that pull, in m. A seated nest on an
-    /// arm of 10 N/mm moves by a third. After the pull the TCP must come back.
+    /// arm of 10 N/mm moves by a third. After the pull the TCP must come back
+    /// to within three quarters of it.
     pub check_m: f64,
 }
 

@@ -132,7 +132,7 @@ pub fn policy(fault: Fault) -> Policy {
             false,
         ),
         Fault::ContactLost => (
-            "the TCP is 5 mm away or faster than 15 mm/s for 10 ms (and more by what joint offsets of 25 mrad explain), 0.2 mm away in a recording, or 3 mm away under the pull that ends it, or not back 1.5 s later",
+            "the TCP is 5 mm away or faster than 15 mm/s for 10 ms (and more by what joint offsets of 25 mrad explain), 0.2 mm away in a recording, or 3 mm away under the pull that ends it, or 0.75 mm away 1.5 s later",
             10,
             HOLDS,
             0.5,

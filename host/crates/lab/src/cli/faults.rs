@@ -28,8 +28,8 @@ pub struct FaultsArgs {
     /// Instead, run N runs with one to four random faults each.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub campaign: Option<u64>,
-    /// Errors of the campaign's arms, as --preset of `spherecal run`.
-    #[arg(long, value_name = "PRESET", requires = "campaign", default_value = MEASURED_ON)]
+    /// Errors of the arms, as --preset of `spherecal run`. The tables' limits were measured on the default.
+    #[arg(long, value_name = "PRESET", conflicts_with = "worst", default_value = MEASURED_ON)]
     pub preset: String,
     /// Only the run with this number of the campaign, from 0, to inspect it again.
     #[arg(long, value_name = "N", requires = "campaign")]
@@ -97,6 +97,7 @@ pub(super) fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
         only: args.only.clone(),
         instants: args.instants,
         seeds: args.seeds,
+        preset: args.preset.clone(),
         progress,
     };
     if let Some(shard) = shard {

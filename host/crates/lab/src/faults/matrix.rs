@@ -27,6 +27,8 @@ pub struct MatrixOptions {
     pub instants: u32,
     /// Arms.
     pub seeds: u64,
+    /// Preset of the arms' errors.
+    pub preset: String,
     /// Whether a bar is shown.
     #[serde(skip)]
     pub progress: bool,
@@ -38,6 +40,7 @@ impl Default for MatrixOptions {
             only: Vec::new(),
             instants: 20,
             seeds: 3,
+            preset: MEASURED_ON.to_owned(),
             progress: false,
         }
     }
@@ -244,7 +247,7 @@ impl ShardedStudy for MatrixOptions {
         let faults = presets(&self.only)?.len();
         let each = faults as u64 * u64::from(self.instants);
         let seeds = 1 + items.start / each..=1 + items.end.saturating_sub(1) / each;
-        let cases = Cases::new(seeds.clone().collect(), MEASURED_ON, Finish::Record)?;
+        let cases = Cases::new(seeds.clone().collect(), &self.preset, Finish::Record)?;
         let mut ticks = BTreeMap::new();
         for seed in seeds {
             let last = cases.get(seed)?.ticks.saturating_sub(EDGE_TICKS).max(EDGE_TICKS + 1);
