@@ -61,8 +61,12 @@ impl<const N: usize> Moving<N> {
             }
         }
         let limits = &env.procedure.limits;
+        let deviation = Violation {
+            joint,
+            ..Violation::new(Fault::PathDeviation, worst, limits.path_rad)
+        };
         if worst > limits.path_rad {
-            return Next::fail(Fault::PathDeviation, worst, limits.path_rad);
+            return Next::Fail(deviation);
         }
         if self.along_s < self.path.duration_s() {
             // At the slowest speed for long: something holds the arm.
@@ -72,7 +76,7 @@ impl<const N: usize> Moving<N> {
                 0.0
             };
             if self.over_s > motion.settle_s {
-                return Next::fail(Fault::PathDeviation, worst, limits.path_rad);
+                return Next::Fail(deviation);
             }
             return Next::Stay;
         }
@@ -196,23 +200,24 @@ mod tests {
     // its bound for friction.
     #[test]
     fn a_motion_names_the_joint_that_does_not_come() {
-        let reported = |excess: Option<Excess>| {
+        let reported = |off: f64, excess: Option<Excess>| {
             let mut scene = Scene::new();
             scene.excess = excess;
             let mut hold = JointSetpoint { q: HOME, dq: [0.0; 7] };
             let mut phase = Moving::new(HOME, HOME, &scene.env());
-            scene.snapshot.q[4] -= 0.03;
+            scene.snapshot.q[4] -= off;
             (1..4_000).find_map(|_| match phase.step(&scene.env(), &mut hold) {
                 Next::Fail(found) => Some((found.fault, found.joint, found.limit)),
                 _ => None,
             })
         };
-        assert_eq!(reported(None), Some((Fault::MotionTimeout, 5, 0.02)));
+        assert_eq!(reported(0.03, None), Some((Fault::MotionTimeout, 5, 0.02)));
+        assert_eq!(reported(0.11, None), Some((Fault::PathDeviation, 5, 0.1)));
         let excess = Excess {
             joint: 7,
             torque: 3.9,
             limit: 3.3,
         };
-        assert_eq!(reported(Some(excess)), Some((Fault::Disturbance, 7, 3.3)));
+        assert_eq!(reported(0.03, Some(excess)), Some((Fault::Disturbance, 7, 3.3)));
     }
 }

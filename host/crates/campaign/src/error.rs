@@ -274,7 +274,10 @@ pub fn remedy(fault: Fault) -> &'static str {
         }
         Fault::JointTorque => "check tool mass and centre of mass, and that nothing blocks the arm",
         Fault::Force => "the arm hit something or the nest is jammed: clear the path",
-        Fault::PathDeviation => "something blocks or pushes the arm: clear the path",
+        Fault::PathDeviation => {
+            "something blocks or pushes the arm: clear the path; where nothing touches it, a cable or friction holds the joint that \
+             is named: free the cable, or warm the joint up"
+        }
         Fault::MotionTimeout => "the arm does not settle: check friction and payload, or raise settle_s",
         Fault::Tare => {
             "something pushes the arm at rest, the declared tool mass or centre of mass is wrong, or a torque sensor is off: \

@@ -59,7 +59,7 @@ pub(super) const TABLE: &[(&str, &str, u64)] = &[
     ("the law of ur10e", "", 0x193eefbe8ead6080),
     ("the law of irb120", "", 0x9d8848b7b1852fe0),
     ("a blocked motion", "Pressing in Moving, Idle", 0x509eab42e7df80ca),
-    ("a blocked motion that slows down", "PathDeviation in Moving, Idle", 0xab01516b214e62a4),
+    ("a blocked motion that slows down", "PathDeviation in Moving, Idle", 0xfc7087f9a22fcb96),
     ("a motion that does not settle", "MotionTimeout in Moving, Idle", 0xa5b2be4917e158e7),
     ("a push in a motion", "Pressing in Moving, Idle", 0xa0458b76e7fe254c),
     ("a push upwards in a motion", "Pressing in Moving, Idle", 0x62d8f78a45a416e1),
