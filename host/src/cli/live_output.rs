@@ -9,7 +9,6 @@ use std::time::Duration;
 use super::args::RunArgs;
 use super::exit::CliError;
 use super::out::errln;
-use crate::simulated::SimulatedCell;
 use spherecal_campaign::{CampaignObserver, Progress};
 use spherecal_job::{PreparedRun, open_store, stored_report};
 use spherecal_link::Arrival;
@@ -149,7 +148,7 @@ impl CampaignObserver for LiveOutput {
 /// Writes the report of a stored run, for a page.
 pub(super) fn stored_reports() -> ReportReader {
     Arc::new(|store, info| {
-        let stored = stored_report(store, info, SimulatedCell::sound())?;
+        let stored = stored_report(store, info)?;
         let write: ReportWriter = Box::new(move || Ok(stored.render()?));
         Ok(write)
     })

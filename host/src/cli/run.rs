@@ -12,7 +12,7 @@ use super::out::{err, errln, out, outln};
 use super::progress::ProgressView;
 use super::study::StudyProgress;
 use super::{features, text};
-use crate::simulated::{self, SimulatedCell, SimulationError};
+use crate::simulated::{SimulatedCell, SimulationError};
 use spherecal_campaign::telemetry::{ContactTrace, DrawnArm, TelemetryRecorder};
 use spherecal_campaign::{CampaignObserver, Moved, Progress};
 use spherecal_identify::study::StudyStep;
@@ -306,7 +306,7 @@ pub(super) fn evaluate(
     let measurements: Measurements = job::read(store, info)?;
     // It is dropped, and so taken away, once all files are written, also after an error.
     let mut view = (!quiet).then(StudyProgress::new);
-    let evaluation = simulated::evaluate(&measurements, &mut |step| {
+    let evaluation = job::evaluate(&measurements, &mut |step| {
         if let Some(view) = &mut view {
             view.show(StudyStep::Evaluating(step));
         }

@@ -9,7 +9,7 @@ use spherecal_plan::Plan;
 use spherecal_report::headline::brief;
 
 /// The models of the printed validation table, in order.
-const MODELS: [&str; 5] = ["nominal", "sphere", "laser", "laser_full", "known_laws"];
+const MODELS: [&str; 4] = ["nominal", "sphere", "laser", "laser_full"];
 
 /// The result of a run: the answer, what to keep in mind, what was done, the files, and what to do next.
 pub(super) fn result(summary: &Summary, files: &[PathBuf]) -> String {

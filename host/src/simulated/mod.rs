@@ -3,15 +3,12 @@
 //! `[plant]` of the configuration describes the arm ([`plant`]), `[host_link]` the quality of the host link.
 
 mod connect;
-mod known_laws;
 
 use std::sync::Arc;
 
 use spherecal_campaign::{Operator, Tracker, TrackerError};
-use spherecal_identify::evaluate::EvaluationStep;
-use spherecal_identify::{Evaluation, Options};
 use spherecal_job::{
-    self as job, Config, ConnectedDevice, Connection, DEFAULT_PRESET, JobError, Measurements, PreparedRun, Simulator,
+    self as job, Config, ConnectedDevice, Connection, DEFAULT_PRESET, JobError, PreparedRun, Simulator,
 };
 use spherecal_link::{Drive, LinkError};
 use spherecal_model::TrackerSession;
@@ -23,7 +20,6 @@ use spherecal_sim::{
 use toml::{Table, Value};
 
 pub use connect::file_lock;
-pub use known_laws::known_laws_options;
 
 /// Why nothing can be simulated as asked.
 #[derive(Debug, thiserror::Error)]
@@ -113,10 +109,6 @@ impl Simulator for SimulatedCell {
     fn connect(&self, prepared: &PreparedRun, connection: Connection<'_>) -> Result<ConnectedDevice, JobError> {
         connect::connect(self.inject.as_ref(), prepared, connection)
     }
-
-    fn known_laws(&self, config: &Config, joints: usize) -> Option<Options> {
-        plant(config).ok().map(|plant| known_laws_options(&plant, joints))
-    }
 }
 
 /// The operator beside the simulated arm.
@@ -161,14 +153,6 @@ pub fn check(config: &Config) -> Result<(), JobError> {
 /// Any error in the input.
 pub fn prepare(config: &Config) -> Result<PreparedRun, JobError> {
     job::prepare(config, SimulatedCell::sound())
-}
-
-/// [`job::evaluate`], which knows the laws of the simulated errors.
-///
-/// # Errors
-/// Data that cannot be identified or judged.
-pub fn evaluate(measurements: &Measurements, progress: &mut dyn FnMut(EvaluationStep)) -> Result<Evaluation, JobError> {
-    job::evaluate(measurements, &SimulatedCell::default(), progress)
 }
 
 /// The simulated arm that a run with this configuration calibrates, at rest at its home frame.

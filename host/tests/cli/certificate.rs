@@ -155,7 +155,6 @@ fn slow_a_run_has_its_certificate() {
     for name in ["spheres (this calibration)", "laser tracker, full model"] {
         assert!(said.contains(name) && html.contains(name), "{name}");
     }
-    assert!(said.contains("spheres, errors' laws known") && !html.contains("known laws"));
 
     let Some(python) = python() else { return };
     let shots = std::env::var_os("SPHERECAL_SHOTS").map_or_else(|| folder.join("shots"), Into::into);

@@ -4,9 +4,9 @@
 use std::collections::BTreeSet;
 
 use spherecal::campaign::CampaignError;
-use spherecal::job::{Config, PreparedRun, summarise};
+use spherecal::job::{Config, PreparedRun, evaluate, summarise};
 use spherecal::link::{Device, LinkError, LocalDevice};
-use spherecal::simulated::{self, evaluate, prepare};
+use spherecal::simulated::{self, prepare};
 use spherecal_tests::plan::{carry_out, cell, measured, plant};
 
 /// Two placements: the paper's, and one 120 mm to the side, 100 mm higher and turned.

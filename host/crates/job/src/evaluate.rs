@@ -7,7 +7,7 @@ use spherecal_shared::robot::{Robot, Tool};
 
 use super::accuracy::EarlyEnding;
 use super::link::LinkRecord;
-use super::{Config, ConfigError, JobError, Link, PreparedRun, Simulator};
+use super::{Config, ConfigError, JobError, Link, PreparedRun};
 use spherecal_identify::arcs::{Measured, MeasuredArc};
 use spherecal_identify::causes::Course;
 use spherecal_identify::evaluate::EvaluationStep;
@@ -173,21 +173,13 @@ impl Measurements {
     }
 }
 
-/// Identifies all models and judges them on the validation measurements. The simulator knows the laws of its errors, for
-/// comparison. `progress` is called before each step.
+/// Identifies all models and judges them on the validation measurements. `progress` is called before each step.
 ///
 /// # Errors
 /// Data that cannot be identified or judged.
-pub fn evaluate(
-    m: &Measurements,
-    simulator: &dyn Simulator,
-    progress: &mut dyn FnMut(EvaluationStep),
-) -> Result<Evaluation, JobError> {
-    let known_laws = simulator.known_laws(&m.config, m.robot.dof());
-    let mut models = vec![Comparison::laser(), Comparison::laser_full()];
-    models.extend(known_laws.map(Comparison::known_laws));
+pub fn evaluate(m: &Measurements, progress: &mut dyn FnMut(EvaluationStep)) -> Result<Evaluation, JobError> {
     let compared = EvaluateOptions {
-        models,
+        models: vec![Comparison::laser(), Comparison::laser_full()],
         ..EvaluateOptions::default()
     };
     evaluate_with(m, compared, progress)

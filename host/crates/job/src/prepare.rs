@@ -250,7 +250,6 @@ mod tests {
     use super::*;
     use crate::prepared::{ConnectedDevice, Connection};
     use spherecal_campaign::{Operator, Tracker};
-    use spherecal_identify::Options;
     use spherecal_link::Drive;
 
     /// A program that simulates nothing: only the plan is asked of it.
@@ -276,10 +275,6 @@ mod tests {
 
         fn connect(&self, _: &PreparedRun, _: Connection<'_>) -> Result<ConnectedDevice, JobError> {
             unreachable!()
-        }
-
-        fn known_laws(&self, _: &Config, _: usize) -> Option<Options> {
-            None
         }
     }
 

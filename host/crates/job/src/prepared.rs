@@ -10,7 +10,7 @@ use spherecal_shared::procedure::Procedure;
 use spherecal_shared::robot::{Robot, Tool};
 
 use spherecal_campaign::{Operator, Tracker};
-use spherecal_identify::{Options, Sphere};
+use spherecal_identify::Sphere;
 use spherecal_link::{Device, Drive, Injected, Journal};
 use spherecal_model::chain::Chain;
 use spherecal_model::robots::RobotModel;
@@ -103,10 +103,6 @@ pub trait Simulator: Debug + Send + Sync {
     /// # Errors
     /// The link cannot be used, nothing answers there, another robot does, or a fault cannot be injected there.
     fn connect(&self, prepared: &PreparedRun, connection: Connection<'_>) -> Result<ConnectedDevice, JobError>;
-
-    /// Options of the comparison estimator that knows the statistical laws of the simulated errors, for an arm with `joints`
-    /// joints; `None` without such laws.
-    fn known_laws(&self, config: &Config, joints: usize) -> Option<Options>;
 }
 
 /// How a run reaches its device.

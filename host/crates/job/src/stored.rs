@@ -1,8 +1,6 @@
 //! The store: how it is opened, the results that are stored beside the recordings, and the report of a stored run.
 
-use std::sync::Arc;
-
-use super::{JobError, Measurements, Simulator, evaluate, read, run_report, summarise};
+use super::{JobError, Measurements, evaluate, read, run_report, summarise};
 use spherecal_campaign::telemetry::ContactTrace;
 use spherecal_report::render;
 use spherecal_store::{CalibrationStore, Peer, RunInfo, SqlStore, StoreError, StoreLocation};
@@ -38,23 +36,17 @@ pub struct StoredReport {
     measurements: Measurements,
     traces: Vec<ContactTrace>,
     created_utc: String,
-    simulator: Arc<dyn Simulator>,
 }
 
 /// Reads the input of the report of a stored run.
 ///
 /// # Errors
 /// When the store fails, or holds unusable data.
-pub fn stored_report(
-    store: &mut dyn CalibrationStore,
-    info: &RunInfo,
-    simulator: Arc<dyn Simulator>,
-) -> Result<StoredReport, JobError> {
+pub fn stored_report(store: &mut dyn CalibrationStore, info: &RunInfo) -> Result<StoredReport, JobError> {
     Ok(StoredReport {
         measurements: read(store, info)?,
         traces: contact_traces(store, info.run)?,
         created_utc: info.about.created_utc.clone(),
-        simulator,
     })
 }
 
@@ -64,7 +56,7 @@ impl StoredReport {
     /// # Errors
     /// Recordings from which nothing can be identified.
     pub fn render(&self) -> Result<String, JobError> {
-        let evaluation = evaluate(&self.measurements, self.simulator.as_ref(), &mut |_| {})?;
+        let evaluation = evaluate(&self.measurements, &mut |_| {})?;
         let summary = summarise(&self.measurements, &evaluation, &self.created_utc)?;
         let report = run_report(
             &self.measurements,

@@ -8,7 +8,10 @@ use crate::paper::{self, PaperProcedure};
 pub(crate) fn comparison(estimator: Estimator, known_laws: Option<&Options>) -> Option<Comparison> {
     Some(match estimator {
         Estimator::Nominal | Estimator::Sphere => return None,
-        Estimator::KnownLaws => Comparison::known_laws(known_laws?.clone()),
+        Estimator::KnownLaws => {
+            let options = known_laws?.clone();
+            Comparison::new(estimator, move |c| identify(c.contacts(), &options))
+        }
         Estimator::Laser => Comparison::laser(),
         Estimator::LaserFull => Comparison::laser_full(),
         Estimator::Geometry => Comparison::new(estimator, |c| identify(c.contacts(), &c.by(Method::Geometry))),

@@ -14,6 +14,7 @@
 pub mod cli;
 mod estimators;
 pub mod faults;
+mod known_laws;
 pub mod paper;
 pub mod reproduce;
 pub mod shards;

@@ -22,7 +22,7 @@ pub struct ChartError {
 }
 
 /// Placeholder colours and the CSS variables that replace them.
-const PALETTE: [(RGBColor, &str); 12] = [
+const PALETTE: [(RGBColor, &str); 11] = [
     (INK, "--ink"),
     (FAINT, "--rule"),
     (SOFT, "--soft"),
@@ -32,7 +32,6 @@ const PALETTE: [(RGBColor, &str); 12] = [
     (SERIES[3], "--series-3"),
     (SERIES[4], "--series-4"),
     (SERIES[5], "--series-5"),
-    (SERIES[6], "--series-6"),
     (ALARM, "--alarm"),
     (PAPER, "--paper"),
 ];
@@ -40,14 +39,13 @@ pub(super) const INK: RGBColor = RGBColor(1, 2, 3);
 pub(super) const FAINT: RGBColor = RGBColor(4, 5, 6);
 pub(super) const SOFT: RGBColor = RGBColor(7, 8, 9);
 /// One colour for each known model (see [`colour`]), and one for any other.
-pub(super) const SERIES: [RGBColor; 7] = [
+pub(super) const SERIES: [RGBColor; 6] = [
     RGBColor(10, 11, 12),
     RGBColor(13, 14, 15),
     RGBColor(16, 17, 18),
     RGBColor(19, 20, 21),
     RGBColor(22, 23, 24),
     RGBColor(31, 32, 33),
-    RGBColor(34, 35, 36),
 ];
 pub(super) const ALARM: RGBColor = RGBColor(25, 26, 27);
 pub(super) const PAPER: RGBColor = RGBColor(28, 29, 30);
@@ -58,10 +56,9 @@ pub(super) fn colour(name: &str) -> RGBColor {
         "nominal" => 0,
         "sphere" | "calibrated" => 1,
         "laser" => 2,
-        "known_laws" => 3,
-        "laser_full" => 4,
-        "calibrated_table_only" => 5,
-        _ => 6,
+        "laser_full" => 3,
+        "calibrated_table_only" => 4,
+        _ => 5,
     }]
 }
 

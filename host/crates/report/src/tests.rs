@@ -188,7 +188,6 @@ fn every_model_has_a_colour_of_its_own() {
         "sphere",
         "laser",
         "laser_full",
-        "known_laws",
         "calibrated_table_only",
         "another",
     ];

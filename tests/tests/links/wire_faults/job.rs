@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use spherecal::campaign::{CampaignObserver, Progress};
-use spherecal::job::{self, Choice, Config, JobError, MeasuredRun, PreparedRun, Site, Summary};
+use spherecal::job::{self, Choice, Config, JobError, MeasuredRun, PreparedRun, Site, Summary, evaluate};
 use spherecal::link::{Arrival, Device, LocalDevice, controller_in_process};
 use spherecal::simulated;
 use spherecal::store::{CalibrationStore, SqlStore, StoredRun};
@@ -155,7 +155,7 @@ impl Job {
         let mut store = SqlStore::open(&self.database()).expect("the database");
         let info = store.require_last_run().expect("a run");
         let measured = job::read(&mut store, &info).expect("recordings");
-        let evaluation = simulated::evaluate(&measured, &mut |_| {}).expect("a calibration");
+        let evaluation = evaluate(&measured, &mut |_| {}).expect("a calibration");
         let summary = job::summarise(&measured, &evaluation, &info.about.created_utc).expect("a summary");
         let folder = self.folder.path();
         job::write(folder, &measured, &evaluation, &summary, &[], &info.about.created_utc).expect("files");

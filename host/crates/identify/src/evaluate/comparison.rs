@@ -49,11 +49,6 @@ impl Comparison {
             identify(&c.points(), &c.absolute(Method::Full))
         })
     }
-
-    /// The full model with options that a simulation may tell and a user cannot know.
-    pub fn known_laws(options: Options) -> Self {
-        Self::new(Estimator::KnownLaws, move |c| identify(c.contacts(), &options))
-    }
 }
 
 /// What another estimator may use.

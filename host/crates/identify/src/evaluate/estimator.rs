@@ -77,7 +77,6 @@ pub fn model_title(name: &str) -> &str {
         "sphere" => "spheres (this calibration)",
         "laser" => "laser tracker, geometry",
         "laser_full" => "laser tracker, full model",
-        "known_laws" => "spheres, errors' laws known",
         "calibrated_table_only" => "calibrated, URDF only",
         other => other,
     }

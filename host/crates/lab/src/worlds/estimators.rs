@@ -4,6 +4,7 @@ use spherecal_shared::robot::iiwa7;
 
 use super::record::{Trial, WorldError};
 use crate::estimators::comparison;
+use crate::known_laws;
 use spherecal_identify::arcs::Measured;
 use spherecal_identify::validate::ValidationTable;
 use spherecal_identify::{Estimator, EvaluateOptions, Options, Recordings, Target, TrackerRecordings, evaluate};
@@ -20,7 +21,7 @@ fn known_laws_options(trial: &Trial) -> Option<Options> {
     plant.geometry.length_sigma_m *= trial.truth.geometry_scale;
     plant.geometry.alpha_sigma_rad *= trial.truth.geometry_scale;
     plant.geometry.theta_sigma_rad *= trial.truth.geometry_scale;
-    Some(spherecal::simulated::known_laws_options(&plant, iiwa7().dof()))
+    Some(known_laws::known_laws_options(&plant, iiwa7().dof()))
 }
 
 impl From<&Trial> for Recordings {

@@ -14,7 +14,7 @@ const ROBUST: f64 = 4.0;
 
 /// Options of an estimator with the plant's own laws as model, priors and noise, for an arm with
 /// `joints` joints.
-pub fn known_laws_options(plant: &PlantConfig, joints: usize) -> Options {
+pub(crate) fn known_laws_options(plant: &PlantConfig, joints: usize) -> Options {
     let on = |enabled: bool, value: f64| if enabled { value } else { 0.0 };
     let encoder = &plant.encoder;
     let orders = if encoder.harmonics {
