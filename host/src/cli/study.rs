@@ -129,8 +129,8 @@ impl StudyProgress {
             StudyStep::Evaluating(evaluate::EvaluationStep::Fitting { rows }) => {
                 (format!("fitting {rows} rows"), rows >= MANY)
             }
-            StudyStep::Evaluating(evaluate::EvaluationStep::Comparing { estimator }) => {
-                (format!("comparing with {estimator}"), false)
+            StudyStep::Evaluating(evaluate::EvaluationStep::Comparing { name }) => {
+                (format!("comparing with {name}"), false)
             }
             StudyStep::Evaluating(evaluate::EvaluationStep::Judging { fits, rows }) => {
                 let fits = if fits == 1 {

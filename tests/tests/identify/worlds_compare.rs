@@ -5,7 +5,8 @@ use rayon::prelude::*;
 use spherecal::identify::validate::Alignment;
 use spherecal::identify::{Options, identify};
 use spherecal::sim::worlds::World;
-use spherecal_lab::worlds::{CompareOptions, Comparison, Estimator, compare, record};
+use spherecal_lab::Estimator;
+use spherecal_lab::worlds::{CompareOptions, Comparison, compare, record};
 
 /// Median of the mean error with the base fitted to the points, in mm.
 fn median(table: &Comparison, world: World, estimator: Estimator) -> f64 {

@@ -4,7 +4,8 @@ use rayon::prelude::*;
 use spherecal::plan::{Cell, DesignRequest, design};
 use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::worlds::World;
-use spherecal_lab::worlds::{ContactPose, Estimator, judge, planned_poses, record_plant};
+use spherecal_lab::Estimator;
+use spherecal_lab::worlds::{ContactPose, judge, planned_poses, record_plant};
 
 /// Robots of each case.
 const ROBOTS: u64 = 12;

@@ -92,7 +92,7 @@ mod workspace;
 pub use calibration::{Calibration, FramePose, NoiseFound, ParameterEstimate};
 pub use distance::{DistanceProblem, halton_configurations};
 pub use error::IdentifyError;
-pub use evaluate::{Comparison, Estimator, EvaluateError, EvaluateOptions, Evaluation, evaluate};
+pub use evaluate::{Comparison, EvaluateError, EvaluateOptions, Evaluation, evaluate};
 pub use geometry_only::GeometryOnly;
 pub use holdout::{Holdout, LeftOutPart, Split, holdout, possible_splits};
 pub use identifiability::{Identifiability, Observability};

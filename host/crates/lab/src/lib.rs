@@ -21,3 +21,5 @@ pub mod shards;
 pub mod simplex;
 pub mod soak;
 pub mod worlds;
+
+pub use estimators::Estimator;

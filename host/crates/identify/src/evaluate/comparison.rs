@@ -5,49 +5,74 @@ use std::sync::Arc;
 
 use spherecal_shared::robot::Tool;
 
-use super::estimator::Estimator;
 use crate::arcs::MeasuredFrames;
 use crate::recordings::{Recordings, TrackerRecordings};
 use crate::{Calibration, Experiment, IdentifyError, Method, Options, identify};
+
+type Fit = dyn Fn(&Compared<'_>) -> Result<Calibration, IdentifyError> + Send + Sync;
 
 /// Another estimator to compare with, passed in by who asks for an evaluation.
 #[derive(Clone)]
 pub struct Comparison {
     /// Its name in tables.
-    pub estimator: Estimator,
-    pub(super) fit: Arc<dyn Fn(&Compared<'_>) -> Result<Calibration, IdentifyError> + Send + Sync>,
+    pub name: &'static str,
+    /// Whether it calibrates from the instrument's points, so that its base is the instrument's.
+    pub by_points: bool,
+    pub(super) fit: Arc<Fit>,
 }
 
 impl fmt::Debug for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("Comparison").field(&self.estimator).finish()
+        f.debug_tuple("Comparison").field(&self.name).finish()
     }
 }
 
 impl Comparison {
-    /// An estimator by its function.
-    pub fn new(
-        estimator: Estimator,
+    /// An estimator on the contacts by its function.
+    pub fn of_contacts(
+        name: &'static str,
         fit: impl Fn(&Compared<'_>) -> Result<Calibration, IdentifyError> + Send + Sync + 'static,
     ) -> Self {
         Self {
-            estimator,
+            name,
+            by_points: false,
             fit: Arc::new(fit),
+        }
+    }
+
+    /// An estimator on the instrument's points by its function.
+    pub fn of_points(
+        name: &'static str,
+        fit: impl Fn(&Compared<'_>) -> Result<Calibration, IdentifyError> + Send + Sync + 'static,
+    ) -> Self {
+        Self {
+            by_points: true,
+            ..Self::of_contacts(name, fit)
         }
     }
 
     /// Gauss-Newton on the geometry by the instrument's points, base and tool as it measured them.
     pub fn laser() -> Self {
-        Self::new(Estimator::Laser, |c| {
+        Self::of_points("laser", |c| {
             identify(&c.with_tool(&c.points()), &c.absolute(Method::GaussNewton))
         })
     }
 
     /// The full model by the instrument's points.
     pub fn laser_full() -> Self {
-        Self::new(Estimator::LaserFull, |c| {
-            identify(&c.points(), &c.absolute(Method::Full))
-        })
+        Self::of_points("laser_full", |c| identify(&c.points(), &c.absolute(Method::Full)))
+    }
+}
+
+/// What a model of a table is called for people, on the terminal and in the report; its own
+/// name where it has no other.
+pub fn model_title(name: &str) -> &str {
+    match name {
+        "sphere" => "spheres (this calibration)",
+        "laser" => "laser tracker, geometry",
+        "laser_full" => "laser tracker, full model",
+        "calibrated_table_only" => "calibrated, URDF only",
+        other => other,
     }
 }
 

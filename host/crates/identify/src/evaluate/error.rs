@@ -1,6 +1,5 @@
 //! Why recordings could not be evaluated.
 
-use super::estimator::Estimator;
 use crate::IdentifyError;
 use crate::arcs::LaserError;
 use crate::validate::ValidateError;
@@ -11,14 +10,6 @@ pub enum EvaluateError {
     /// The calibration failed.
     #[error(transparent)]
     Identify(#[from] IdentifyError),
-    /// Another model failed.
-    #[error("{estimator}: {source}")]
-    Model {
-        /// Which.
-        estimator: Estimator,
-        /// Why.
-        source: IdentifyError,
-    },
     /// The arcs gave no frames.
     #[error(transparent)]
     Arcs(#[from] LaserError),

@@ -21,7 +21,6 @@ mod align_targets;
 mod certified;
 mod comparison;
 mod error;
-mod estimator;
 mod evaluation;
 mod fit;
 mod folds;
@@ -38,9 +37,8 @@ pub use crate::judge_targets::{AngleStatistics, BodyOrientation, Further, Target
 pub use crate::recordings::Judge;
 pub use align::{NominalFrames, align};
 pub use certified::{Repeatability, repeatability};
-pub use comparison::{Compared, Comparison};
+pub use comparison::{Compared, Comparison, model_title};
 pub use error::EvaluateError;
-pub use estimator::{Estimator, model_title};
 pub use evaluation::Evaluation;
 pub use options::{EvaluateOptions, EvaluationStep};
 pub use reference::{InstrumentView, ReferenceModel};

@@ -1,7 +1,6 @@
 //! What an evaluation is asked for, and how far it has come.
 
 use super::comparison::Comparison;
-use super::estimator::Estimator;
 use crate::Options;
 
 /// What an evaluation does besides identifying.
@@ -48,8 +47,8 @@ pub enum EvaluationStep {
     },
     /// Another estimator is fitted.
     Comparing {
-        /// Which.
-        estimator: Estimator,
+        /// Its name.
+        name: &'static str,
     },
     /// The result is judged.
     Judging {

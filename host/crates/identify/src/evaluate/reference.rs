@@ -6,18 +6,19 @@ use spherecal_shared::robot::Tool;
 
 use super::comparison::{Compared, Comparison};
 use super::error::EvaluateError;
-use super::estimator::Estimator;
 use super::options::EvaluationStep;
 use crate::arcs::MeasuredFrames;
 use crate::recordings::{Recordings, TrackerRecordings};
 use crate::validate::{Prediction, ValidationTable, validate};
-use crate::{Calibration, IdentifyError, Options, Pose};
+use crate::{Calibration, Options, Pose};
 
 /// A calibration to compare with.
 #[derive(Clone, Debug)]
 pub struct ReferenceModel {
-    /// What made it.
-    pub estimator: Estimator,
+    /// Name of what made it.
+    pub name: &'static str,
+    /// Whether it was made from the instrument's points.
+    pub by_points: bool,
     /// The calibration.
     pub calibration: Calibration,
 }
@@ -34,9 +35,9 @@ pub struct InstrumentView {
 }
 
 impl InstrumentView {
-    /// The model of an estimator.
-    pub fn model(&self, estimator: Estimator) -> Option<&Calibration> {
-        let found = self.models.iter().find(|m| m.estimator == estimator);
+    /// The model of this name.
+    pub fn model(&self, name: &str) -> Option<&Calibration> {
+        let found = self.models.iter().find(|m| m.name == name);
         found.map(|m| &m.calibration)
     }
 }
@@ -60,15 +61,15 @@ pub(super) fn reference(
         options,
     };
     let mut models = Vec::new();
-    for comparison in asked {
-        let estimator = comparison.estimator;
-        progress(EvaluationStep::Comparing { estimator });
-        match (comparison.fit)(&compared) {
-            Ok(calibration) => models.push(ReferenceModel { estimator, calibration }),
-            // The paper's method asks for contacts with several spheres.
-            Err(IdentifyError::Method { .. }) if estimator.optional() => {}
-            Err(error) if estimator.optional() => notes.push(format!("{estimator} gave no model: {error}")),
-            Err(source) => return Err(EvaluateError::Model { estimator, source }),
+    for Comparison { name, by_points, fit } in asked {
+        progress(EvaluationStep::Comparing { name });
+        match fit(&compared) {
+            Ok(calibration) => models.push(ReferenceModel {
+                name,
+                by_points: *by_points,
+                calibration,
+            }),
+            Err(error) => notes.push(format!("{name} gave no model: {error}")),
         }
     }
     let table = if tracker.validation.is_empty() {
@@ -94,12 +95,10 @@ fn table(
         ..experiment.tool
     };
     let chain = Chain::unchecked(&experiment.robot, &tool);
-    let mut predictions = vec![prediction(tracker, Estimator::Nominal, None, |q| {
-        chain.tcp_of(&chain.frames(q))
-    })];
+    let mut predictions = vec![prediction(tracker, "nominal", None, |q| chain.tcp_of(&chain.frames(q)))];
     // A model from contacts stands where the instrument saw the plate.
-    let own = |estimator: Estimator, calibration: &Calibration| {
-        if estimator.by_tracker() {
+    let own = |by_points: bool, calibration: &Calibration| {
+        if by_points {
             return Some(calibration.base);
         }
         tracker.plate.map(|plate| Pose {
@@ -107,10 +106,9 @@ fn table(
             position: plate.point(&calibration.base.position),
         })
     };
-    let all =
-        std::iter::once((Estimator::Sphere, calibration)).chain(models.iter().map(|m| (m.estimator, &m.calibration)));
-    for (estimator, calibration) in all {
-        predictions.push(prediction(tracker, estimator, own(estimator, calibration), |q| {
+    let others = models.iter().map(|m| (m.name, m.by_points, &m.calibration));
+    for (name, by_points, calibration) in std::iter::once(("sphere", false, calibration)).chain(others) {
+        predictions.push(prediction(tracker, name, own(by_points, calibration), |q| {
             calibration.tcp_m(q, None)
         }));
     }
@@ -120,12 +118,12 @@ fn table(
 
 fn prediction(
     tracker: &TrackerRecordings,
-    estimator: Estimator,
+    name: &str,
     own_base: Option<Pose>,
     tcp: impl Fn(&[f64]) -> Vector3<f64>,
 ) -> Prediction {
     Prediction {
-        name: estimator.name().to_owned(),
+        name: name.to_owned(),
         points_m: tracker.validation.iter().map(|m| tcp(&m.q).into()).collect(),
         own_base,
     }

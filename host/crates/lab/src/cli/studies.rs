@@ -6,6 +6,7 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 
 use super::sharding::{self, ShardArgs, ShardFolder};
+use crate::Estimator;
 use crate::reproduce::{ManyOptions, merge_many, reproduce as study, reproduce_many};
 use crate::worlds::{
     Chosen, CompareOptions, Comparison, PlanOptions, World, compare, compare_plans, merge_comparison, merge_plans,
@@ -14,7 +15,7 @@ use crate::worlds::{
 use spherecal::cli::{CliError, Exit};
 use spherecal::{errln, out, outln};
 use spherecal_export::{Format, TableFile};
-use spherecal_identify::{Estimator, Recordings};
+use spherecal_identify::Recordings;
 use spherecal_job as job;
 use spherecal_store::{CalibrationStore as _, SqlStore};
 

@@ -3,7 +3,7 @@
 
 use plotters::prelude::*;
 
-use spherecal_identify::Estimator;
+use crate::Estimator;
 
 use super::Reproduction;
 

@@ -7,10 +7,11 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::{ReproduceError, Reproduction, reproduce};
+use crate::Estimator;
 use crate::shards::{self, ShardError, ShardedStudy};
 use crate::worlds::{AlignedErrors, World, record};
+use spherecal_identify::Recordings;
 use spherecal_identify::validate::Alignment;
-use spherecal_identify::{Estimator, Recordings};
 use spherecal_model::statistics::quantile;
 
 /// Which robots.

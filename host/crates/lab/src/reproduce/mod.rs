@@ -20,10 +20,10 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use spherecal_shared::robot::Tool;
 
+use crate::Estimator;
 use spherecal_identify::validate::ValidationTable;
 use spherecal_identify::{
-    Estimator, EvaluateError, EvaluateOptions, Experiment, IdentifyError, Method, Options, Pairs, Recordings, Verdict,
-    evaluate,
+    EvaluateError, EvaluateOptions, Experiment, IdentifyError, Method, Options, Pairs, Recordings, Verdict, evaluate,
 };
 use spherecal_model::write_file;
 

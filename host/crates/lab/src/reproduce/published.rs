@@ -1,6 +1,6 @@
 //! The numbers that the paper prints in its Tables 1 to 6.
 
-use spherecal_identify::Estimator;
+use crate::Estimator;
 
 /// Table 1: centres of the spheres in the world frame, in mm.
 pub(super) const TABLE_1_MM: [[f64; 3]; 3] = [[0.0, 0.0, 0.0], [300.009, 0.0, 0.0], [150.049, 260.051, 0.0]];

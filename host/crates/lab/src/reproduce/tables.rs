@@ -8,9 +8,10 @@ use spherecal_shared::robot::Tool;
 
 use super::Reproduction;
 use super::published::{TABLE_1_MM, TABLE_2_REDUNDANT, TABLE_3_MM, TABLE_4_MM, TABLE_5_MM, TABLE_6};
+use crate::Estimator;
 use spherecal_identify::algorithm1::{Columns, Scaling, position_jacobian, reduce};
 use spherecal_identify::validate::{Alignment, ValidationTable};
-use spherecal_identify::{Calibration, Estimator, Experiment, Target, halton_configurations};
+use spherecal_identify::{Calibration, Experiment, Target, halton_configurations};
 use spherecal_plan::laser::Spread;
 
 /// One number, published and ours.

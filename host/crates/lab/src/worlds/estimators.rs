@@ -3,11 +3,12 @@
 use spherecal_shared::robot::iiwa7;
 
 use super::record::{Trial, WorldError};
+use crate::Estimator;
 use crate::estimators::comparison;
 use crate::known_laws;
 use spherecal_identify::arcs::Measured;
 use spherecal_identify::validate::ValidationTable;
-use spherecal_identify::{Estimator, EvaluateOptions, Options, Recordings, Target, TrackerRecordings, evaluate};
+use spherecal_identify::{EvaluateOptions, Options, Recordings, Target, TrackerRecordings, evaluate};
 use spherecal_sim::worlds::World;
 
 /// Options of the estimator that knows the laws: the model, priors and noise that the trial's

@@ -26,5 +26,4 @@ pub use plans::{Chosen, PlanOptions, PlanRow, PlanTable, PlannedRobot, compare_p
 pub use record::{
     CONTACT_S, ContactPose, Trial, WorldError, paper_poses, planned_poses, record, record_plant, record_poses,
 };
-pub use spherecal_identify::Estimator;
 pub use spherecal_sim::worlds::{UnknownWorld, World};
