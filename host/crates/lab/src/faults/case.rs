@@ -25,6 +25,8 @@ use spherecal_sim::inject::{FaultPlan, FaultyCell, FaultyDrive, Happened, HostKi
 pub struct CalibratedTrial {
     /// Mean error on the tracker's points, base fitted, in mm. The verdict does not see them.
     pub error_mm: f64,
+    /// Upper end of the 95 % interval that the verdict states for it, in mm; `None` if it states none.
+    pub stated_at_most_mm: Option<f64>,
     /// Names of the checks by which the job refuses the result; none if it may be used.
     pub refused_by: Vec<String>,
 }
@@ -59,6 +61,7 @@ impl CalibratedTrial {
         let failed = found.verdict.checks.iter().filter(|c| c.refuses && !c.passed);
         Ok(Self {
             error_mm: table.models.first().map_or(f64::NAN, |m| m.best_fit.mean_mm),
+            stated_at_most_mm: found.verdict.expected_error_mm.as_ref().map(|e| e.interval[1]),
             refused_by: failed.map(|c| c.name.to_owned()).collect(),
         })
     }
