@@ -199,9 +199,8 @@ pub struct Seating {
     pub check_n: f64,
     /// Duration of that pull, in s; 0 turns it off.
     pub check_s: f64,
-    /// A third of the largest computed TCP displacement under that pull, in m. A seated nest on an
-    /// arm of 10 N/mm moves by a third. After the pull the TCP must come back
-    /// to within three quarters of it.
+    /// Computed TCP displacement of a seated nest on an arm of 10 N/mm under that pull, in m. Three
+    /// times as much is a fault, and so is more than three quarters of it that remain after the pull.
     pub check_m: f64,
 }
 

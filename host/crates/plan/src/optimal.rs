@@ -6,19 +6,19 @@
 //! configurations (base aligned). The criterion is `tr(W Σ)`, the mean square of the predicted TCP
 //! error. Adding c changes it by `−tr((I + S)⁻¹ T)` with `S = A Σ Aᵀ` and `T = A Σ W Σ Aᵀ`, both 3 x 3. `S` and `T` are
 //! stored for every candidate and updated with each choice, so a choice among N costs `18 N m` multiplications,
-//! in single precision: they only rank. `Σ` and the criterion have double precision.
+//! where many are chosen in single precision: they only rank. `Σ` and the criterion have double precision.
 //!
 //! A choice may weigh a pose's gain against its travel time ([`Travel`]).
 
 use nalgebra::{DMatrix, Matrix3};
 use rayon::prelude::*;
 
-use super::selection::{SelectionProblem, product, single};
+use super::selection::{Lanes, SelectionProblem, product};
 use super::travel::Travel;
 
-/// Numbers of chosen poses after which a growing design computes `S` and `T` of all candidates anew. They
-/// fall by orders of magnitude with the first poses, so the error of single precision would remain.
-const ANEW: [usize; 3] = [8, 32, 128];
+/// Number of chosen poses from which single precision ranks the candidates. `S` and `T` fall by orders of magnitude
+/// with the first poses, so the error of single precision would remain.
+const MANY: usize = 32;
 /// Mean length of a normal 3-vector over its root mean square (exact if isotropic).
 const MEAN_OF_RMS: f64 = 0.9213;
 
@@ -195,17 +195,13 @@ impl<'a> Design<'a> {
         };
         let wx = &self.problem.weight * &x;
         let inner = place(x.tr_mul(&wx));
-        let (left, wide) = (single(&x), single(&(&self.sigma * &wx)));
-        let own = self.s.par_iter_mut().zip(self.t.par_iter_mut());
-        let rows = self.problem.single.par_chunks(left.len().max(1));
-        let own = own.zip(rows).zip(&self.kept).with_min_len(64);
-        own.filter(|(_, kept)| **kept).for_each(|(((s, t), rows), _)| {
-            let (b, d) = (product(&left, rows), product(&wide, rows));
-            let mb = inverse * b;
-            let cross = mb.transpose() * d;
-            *s -= b.transpose() * mb;
-            *t += mb.transpose() * inner * mb - cross - cross.transpose();
-        });
+        let wide = &self.sigma * &wx;
+        let problem = self.problem;
+        if self.chosen.len() < MANY {
+            self.rank(&problem.double, &x, &wide, &inverse, &inner);
+        } else {
+            self.rank(&problem.single, &x, &wide, &inverse, &inner);
+        }
         let scaled = &x * inverse;
         self.sigma.gemm(-1.0, &scaled, &x.transpose(), 1.0);
         self.value -= (inverse * inner).trace();
@@ -224,6 +220,29 @@ impl<'a> Design<'a> {
         }
     }
 
+    /// Updates `S` and `T` of all candidates, whose rows these are, with the `X`, `Σ W X`, `(S + 1)⁻¹` and `Xᵀ W X` of
+    /// [`Self::update`].
+    fn rank<T: Lanes>(
+        &mut self,
+        rows: &[T],
+        x: &DMatrix<f64>,
+        wide: &DMatrix<f64>,
+        inverse: &Matrix3<f64>,
+        inner: &Matrix3<f64>,
+    ) {
+        let (left, wide) = (T::columns(x), T::columns(wide));
+        let own = self.s.par_iter_mut().zip(self.t.par_iter_mut());
+        let own = own.zip(rows.par_chunks(left.len().max(1)));
+        let own = own.zip(&self.kept).with_min_len(64);
+        own.filter(|(_, kept)| **kept).for_each(|(((s, t), rows), _)| {
+            let (b, d) = (product(&left, rows), product(&wide, rows));
+            let mb = inverse * b;
+            let cross = mb.transpose() * d;
+            *s -= b.transpose() * mb;
+            *t += mb.transpose() * inner * mb - cross - cross.transpose();
+        });
+    }
+
     /// Adds the best candidates until `count` are chosen. `on_step` is called with the design after
     /// each.
     pub(super) fn grow(&mut self, count: usize, mut on_step: impl FnMut(&Self)) {
@@ -232,9 +251,6 @@ impl<'a> Design<'a> {
                 return;
             };
             self.update(c, 1.0);
-            if ANEW.contains(&self.chosen.len()) {
-                self.refresh();
-            }
             on_step(self);
         }
     }

@@ -1,14 +1,17 @@
 //! The predictions and the possible measurements of a choice of poses, and the products that rank them.
 
+use std::ops::{AddAssign, Mul};
+
 use nalgebra::{DMatrix, Matrix3, Matrix6, Matrix6xX, SMatrix, Vector3};
-use wide::f32x4;
+use wide::{f32x4, f64x2};
 
 /// The predictions, and the possible measurements.
 pub(super) struct SelectionProblem {
     /// Rows of candidate c are the columns 3c, 3c+1, 3c+2; m x 3N.
     pub(super) rows: DMatrix<f64>,
-    /// The same in single precision ([`single`]): the gains of all candidates are updated with it.
+    /// The same, as the gains of all candidates are updated with it: in single and in double precision.
     pub(super) single: Vec<f32x4>,
+    pub(super) double: Vec<f64x2>,
     /// `W`, m x m.
     pub(super) weight: DMatrix<f64>,
     /// `G_vᵀ` of each validation configuration, base aligned, m x 3, in m.
@@ -37,7 +40,8 @@ impl SelectionProblem {
             weight.gemm(1.0 / blocks.len().max(1) as f64, block, &block.transpose(), 1.0);
         }
         Self {
-            single: single(&rows),
+            single: Lanes::columns(&rows),
+            double: Lanes::columns(&rows),
             rows,
             weight,
             predictions: blocks,
@@ -61,7 +65,8 @@ impl SelectionProblem {
             rows.columns_mut(3 * k, 3).copy_from(&self.rows.columns(3 * c, 3));
         }
         Self {
-            single: single(&rows),
+            single: Lanes::columns(&rows),
+            double: Lanes::columns(&rows),
             rows,
             weight: self.weight.clone(),
             predictions: self.predictions.clone(),
@@ -70,25 +75,56 @@ impl SelectionProblem {
     }
 }
 
-/// The columns of a matrix in single precision, one after the other, each filled up with zeros.
-pub(super) fn single(columns: &DMatrix<f64>) -> Vec<f32x4> {
-    let all = columns.as_slice().chunks(columns.nrows().max(1));
-    let quads = all.flat_map(|column| column.chunks(LANES));
-    quads
-        .map(|four| f32x4::from(std::array::from_fn(|k| four.get(k).map_or(0.0, |x| *x as f32))))
-        .collect()
+/// Numbers that are multiplied at once, in one of two precisions.
+pub(super) trait Lanes: Copy + AddAssign + Mul<Output = Self> + Send + Sync {
+    /// How many.
+    const COUNT: usize;
+    const ZERO: Self;
+    /// At most [`Self::COUNT`] numbers; zeros fill the rest.
+    fn of(numbers: &[f64]) -> Self;
+    fn sum(self) -> f64;
+
+    /// The columns of a matrix, one after the other, each filled up with zeros.
+    fn columns(matrix: &DMatrix<f64>) -> Vec<Self> {
+        let all = matrix.as_slice().chunks(matrix.nrows().max(1));
+        all.flat_map(|column| column.chunks(Self::COUNT).map(Self::of))
+            .collect()
+    }
 }
 
-/// Numbers that are multiplied at once.
-const LANES: usize = 4;
+impl Lanes for f32x4 {
+    const COUNT: usize = 4;
+    const ZERO: Self = Self::ZERO;
 
-/// `Xᵀ A` of two matrices of [`single`] with three columns each.
-pub(super) fn product(x: &[f32x4], a: &[f32x4]) -> Matrix3<f64> {
+    fn of(numbers: &[f64]) -> Self {
+        std::array::from_fn(|k| numbers.get(k).map_or(0.0, |x| *x as f32)).into()
+    }
+
+    fn sum(self) -> f64 {
+        self.reduce_add().into()
+    }
+}
+
+impl Lanes for f64x2 {
+    const COUNT: usize = 2;
+    const ZERO: Self = Self::ZERO;
+
+    fn of(numbers: &[f64]) -> Self {
+        std::array::from_fn(|k| numbers.get(k).copied().unwrap_or_default()).into()
+    }
+
+    fn sum(self) -> f64 {
+        self.reduce_add()
+    }
+}
+
+/// `Xᵀ A` of two matrices of three [columns](Lanes::columns) each.
+pub(super) fn product<T: Lanes>(x: &[T], a: &[T]) -> Matrix3<f64> {
     let (x0, rest) = x.split_at(x.len() / 3);
     let (x1, x2) = rest.split_at(x0.len());
     let (a0, rest) = a.split_at(x0.len());
     let (a1, a2) = rest.split_at(x0.len());
-    let mut sums = [[f32x4::ZERO; 3]; 3];
+    let mut sums = [[T::ZERO; 3]; 3];
     for ((((x0, x1), x2), a0), (a1, a2)) in x0.iter().zip(x1).zip(x2).zip(a0).zip(a1.iter().zip(a2)) {
         for (sums, x) in sums.iter_mut().zip([x0, x1, x2]) {
             sums[0] += *x * *a0;
@@ -96,7 +132,7 @@ pub(super) fn product(x: &[f32x4], a: &[f32x4]) -> Matrix3<f64> {
             sums[2] += *x * *a2;
         }
     }
-    Matrix3::from_fn(|i, j| f64::from(sums[i][j].reduce_add()))
+    Matrix3::from_fn(|i, j| sums[i][j].sum())
 }
 
 /// Removes the best-fitting rigid motion of all points from every column.
