@@ -22,11 +22,13 @@ use super::types::{Plan, PlannedPose, Visit};
 pub(super) const RECORD_S: f64 = 1.65;
 const WEIGHED: (f64, f64) = (0.5, 1.5);
 /// Coming to rest after a turn, and the exchange of messages, in s.
-const SETTLE_S: f64 = 0.49;
+const SETTLE_S: f64 = 0.6;
 /// Exchange of messages at a pose that is only passed, in s.
 const PASS_S: f64 = 0.1;
-/// Coming to rest over the sphere, descent, and leaving it, in s, of a visit.
-const VISIT_S: f64 = 5.8;
+/// Descent to the contact, and leaving the sphere, in s, of a visit.
+const VISIT_S: f64 = 3.9;
+/// Coming to rest after a joint motion, in s.
+const REST_S: f64 = 0.3;
 
 /// Time of a quintic from rest to rest over `distance`, in s. Its peak speed is 1.875 times the
 /// mean; its peak acceleration is 5.774 times the distance over the time squared.
@@ -84,12 +86,12 @@ pub fn robot_time(plan: &Plan, procedure: &Procedure, second_visits: bool) -> f6
     // The spring that pulls the arm on grows until the force of contact is there.
     let contact_s = approach.trigger_n / (approach.stiffness_n_m[2] * approach.speed_m_s);
     let visit_s = VISIT_S + contact_s + approach.tare_s + procedure.couple.hold_s + procedure.seating.test_s;
-    let motion = &procedure.motion;
+    let travel_s = |a: &[f64], b: &[f64]| moving_s(&procedure.motion, a, b) + REST_S;
     let mut here = home;
     let mut time = 0.0;
     for (number, visit) in plan.spheres.iter().enumerate() {
         if visit.over_home {
-            time += moving_s(motion, here, home);
+            time += travel_s(here, home);
             here = home;
         }
         let approach = &visit.approach;
@@ -98,7 +100,7 @@ pub fn robot_time(plan: &Plan, procedure: &Procedure, second_visits: bool) -> f6
             rotation: rotation_of(&approach.orientation),
             elbow: approach.elbow_rad,
         };
-        time += moving_s(motion, here, &approach.joints) + visit_s + poses_s(procedure, &start, &visit.poses);
+        time += travel_s(here, &approach.joints) + visit_s + poses_s(procedure, &start, &visit.poses);
         here = &approach.joints;
         let is_last = plan
             .spheres
@@ -109,13 +111,13 @@ pub fn robot_time(plan: &Plan, procedure: &Procedure, second_visits: bool) -> f6
             let there = |other: &&Visit| other.place == visit.place;
             for again in plan.spheres.iter().filter(there) {
                 if seen.insert(again.sphere_id) {
-                    time += moving_s(motion, here, &again.approach.joints) + visit_s;
+                    time += travel_s(here, &again.approach.joints) + visit_s;
                     here = &again.approach.joints;
                 }
             }
         }
     }
-    time + moving_s(motion, here, home)
+    time + travel_s(here, home)
 }
 
 /// Moves every approach waypoint by up to `error_m` along each axis of F0, as quick hand-guiding
