@@ -5,6 +5,7 @@ use serde::Serialize;
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::chain::{N, OWN, State};
+use super::hierarchy::Displacements;
 use super::hierarchy::cross::CrossEffects;
 use super::hierarchy::open::OpenSizes;
 use super::hierarchy::sizes::Strangeness;
@@ -119,6 +120,9 @@ pub struct Calibration {
     /// Errors of joints by the angles of others, which the model does not hold, with the unknowns.
     #[serde(skip)]
     pub(crate) cross: CrossEffects,
+    /// How far named causes in the cell displace the observations.
+    #[serde(skip)]
+    pub(crate) displaced: Displacements,
     /// Covariance of the free parameters, in the order in which
     /// [`Self::parameters`] lists them, SI units.
     #[serde(skip)]

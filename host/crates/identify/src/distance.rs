@@ -332,6 +332,7 @@ impl DistanceProblem {
             effective: m as f64,
             cross: CrossEffects::none(&covariance),
             by_causes: std::collections::BTreeMap::new(),
+            displaced: std::collections::BTreeMap::new(),
             left: std::collections::BTreeMap::new(),
             covariance,
             log_evidence: f64::NAN,

@@ -96,6 +96,7 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
         strangeness: fit.strangeness,
         open: fit.open.clone(),
         cross: fit.cross.clone(),
+        displaced: fit.displaced.clone(),
         inner: Inner {
             layout: layout.clone(),
             state: state.clone(),

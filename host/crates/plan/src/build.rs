@@ -135,7 +135,7 @@ pub fn plan(cell: &Cell, request: &PlanRequest) -> Result<Plan, PlanError> {
             });
         }
     }
-    plan.robot_s = robot_time(&plan, &Procedure::default(), true);
+    plan.robot_s = robot_time(&plan, &cell.robot, &Procedure::default(), true);
     Ok(plan)
 }
 

@@ -164,7 +164,7 @@ impl DesignProblem {
                 poses: sequence,
             });
         }
-        plan.robot_s = robot_time(&plan, &Procedure::default(), true);
+        plan.robot_s = robot_time(&plan, &cell.robot, &Procedure::default(), true);
         plan
     }
 }

@@ -11,9 +11,10 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Uniform};
 use spherecal_model::chain::{Chain, TcpPose, rotation_of};
 use spherecal_shared::procedure::{Motion, Procedure, Turn};
+use spherecal_shared::robot::{Joint, Robot};
 
 use super::path::move_angle;
-use super::types::{Plan, PlannedPose, Visit};
+use super::types::{Plan, Visit};
 
 /// What the choice of poses weighs travel by: time of a recording (s), speed (rad/s) and acceleration (rad/s²) of a turn.
 ///
@@ -22,13 +23,15 @@ use super::types::{Plan, PlannedPose, Visit};
 pub(super) const RECORD_S: f64 = 1.65;
 const WEIGHED: (f64, f64) = (0.5, 1.5);
 /// Coming to rest after a turn, and the exchange of messages, in s.
-const SETTLE_S: f64 = 0.6;
+const SETTLE_S: f64 = 0.42;
 /// Exchange of messages at a pose that is only passed, in s.
 const PASS_S: f64 = 0.1;
 /// Descent to the contact, and leaving the sphere, in s, of a visit.
-const VISIT_S: f64 = 3.9;
+const VISIT_S: f64 = 3.5;
+/// Share of a joint's speed limit, times `procedure.limits.velocity_share`, above which the controller slows a turn down.
+const SLOW_SHARE: f64 = 0.48;
 /// Coming to rest after a joint motion, in s.
-const REST_S: f64 = 0.3;
+const REST_S: f64 = 0.2;
 
 /// Time of a quintic from rest to rest over `distance`, in s. Its peak speed is 1.875 times the
 /// mean; its peak acceleration is 5.774 times the distance over the time squared.
@@ -36,9 +39,16 @@ fn quintic_s(distance: f64, speed: f64, acceleration: f64) -> f64 {
     (1.875 * distance / speed).max((5.774 * distance / acceleration).sqrt())
 }
 
-/// Time of a turn about a sphere by `angle` (rad), in s.
-fn turning_s(turn: &Turn, angle: f64) -> f64 {
-    quintic_s(angle, turn.speed_rad_s, turn.acceleration_rad_s2)
+/// Time of a turn about a sphere by `angle` (rad), in s, whose joints move by `swings` of their slow speeds (s): the
+/// controller slows down where a joint would be faster.
+fn turning_s(turn: &Turn, angle: f64, swings: f64) -> f64 {
+    const STEPS: u32 = 32;
+    let fast_s = quintic_s(angle, turn.speed_rad_s, turn.acceleration_rad_s2);
+    let slowed = |step: u32| {
+        let x = (f64::from(step) + 0.5) / f64::from(STEPS);
+        (30.0 * (x * (1.0 - x)).powi(2) * swings).max(fast_s)
+    };
+    (0..STEPS).map(slowed).sum::<f64>() / f64::from(STEPS)
 }
 
 /// Time of a joint motion between two configurations (rad), in s.
@@ -58,29 +68,38 @@ pub(super) fn motion_s(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Predicted time of turning through the poses of a visit and recording, in s.
-fn poses_s(procedure: &Procedure, start: &TcpPose, poses: &[PlannedPose]) -> f64 {
+fn poses_s(procedure: &Procedure, robot: &Robot, visit: &Visit) -> f64 {
+    let slow = SLOW_SHARE * procedure.limits.velocity_share;
     let record_s = SETTLE_S
         + procedure.law.stiffness_ramp_s
         + 1e-3 * f64::from(procedure.record.samples)
         + procedure.seating.check_s;
-    let mut here = *start;
+    let mut here = TcpPose {
+        position: visit.position_m.into(),
+        rotation: rotation_of(&visit.approach.orientation),
+        elbow: visit.approach.elbow_rad,
+    };
+    let mut joints = &visit.approach.joints;
     let mut time = 0.0;
-    for pose in poses {
+    for pose in &visit.poses {
         let next = TcpPose {
             position: here.position,
             rotation: rotation_of(&pose.orientation),
             elbow: pose.elbow_rad,
         };
-        time += turning_s(&procedure.turn, move_angle(&here, &next));
+        let swing = |((a, b), joint): ((&f64, &f64), &Joint)| (a - b).abs() / (slow * joint.limits.velocity_rad_s);
+        let swings = joints.iter().zip(&pose.joints).zip(&robot.joints).map(swing);
+        time += turning_s(&procedure.turn, move_angle(&here, &next), swings.fold(0.0, f64::max));
         time += if pose.via { PASS_S } else { record_s };
         here = next;
+        joints = &pose.joints;
     }
     time
 }
 
 /// Predicted time of a whole plan without a fault, in s: travelling, coupling, turning, recording, and, where
 /// `second_visits` asks for it, coupling every sphere once more.
-pub fn robot_time(plan: &Plan, procedure: &Procedure, second_visits: bool) -> f64 {
+pub fn robot_time(plan: &Plan, robot: &Robot, procedure: &Procedure, second_visits: bool) -> f64 {
     let home = plan.home.joints.as_slice();
     let approach = &procedure.approach;
     // The spring that pulls the arm on grows until the force of contact is there.
@@ -94,14 +113,8 @@ pub fn robot_time(plan: &Plan, procedure: &Procedure, second_visits: bool) -> f6
             time += travel_s(here, home);
             here = home;
         }
-        let approach = &visit.approach;
-        let start = TcpPose {
-            position: visit.position_m.into(),
-            rotation: rotation_of(&approach.orientation),
-            elbow: approach.elbow_rad,
-        };
-        time += travel_s(here, &approach.joints) + visit_s + poses_s(procedure, &start, &visit.poses);
-        here = &approach.joints;
+        time += travel_s(here, &visit.approach.joints) + visit_s + poses_s(procedure, robot, visit);
+        here = &visit.approach.joints;
         let is_last = plan
             .spheres
             .get(number + 1)

@@ -118,6 +118,16 @@ pub enum Family {
     Payload,
 }
 
+impl Family {
+    /// Whether it is no error of the arm, whose sizes the model holds: something else was not where it should be.
+    pub(crate) fn is_of_cell(self) -> bool {
+        matches!(
+            self,
+            Self::Certificate | Self::Slip | Self::Drift | Self::SphereMoved | Self::Seat | Self::Place
+        )
+    }
+}
+
 impl Alternative {
     /// Its family.
     pub fn family(&self) -> Family {

@@ -41,9 +41,11 @@ use self::linear::Linear;
 use self::payload::LoadEffects;
 use self::scan::scan;
 use crate::error::IdentifyError;
-use crate::hierarchy::Fit;
+use crate::chain::Prepared;
+use crate::hierarchy::{Displacements, Fit};
 use crate::options::{Options, Torque};
 use crate::parameters::Kind;
+use crate::seen::RowPart;
 use crate::workspace::{Rigid, workspace};
 use spherecal_model::Experiment;
 
@@ -58,8 +60,15 @@ pub struct Causes {
     pub scattered: Vec<ScatteredPlace>,
 }
 
+impl Causes {
+    /// The causes in the cell: what is no error of the arm.
+    pub(crate) fn in_cell(&self) -> impl Iterator<Item = &Finding> {
+        self.findings.iter().filter(|finding| finding.alternative.family().is_of_cell())
+    }
+}
+
 /// Tests the causes in the residuals of a fit, and takes those that are found into the fit. `course` says in which order
-/// and in which coupling the observations were made.
+/// and in which coupling the observations were made. The targets of the fit are free of the causes in the cell that `known` holds.
 ///
 /// # Errors
 /// Equations that have no solution.
@@ -68,7 +77,9 @@ pub(crate) fn explain(
     experiment: &Experiment,
     options: &Options,
     course: &Course,
+    known: &Causes,
 ) -> Result<Causes, IdentifyError> {
+    let known: Vec<Finding> = known.in_cell().cloned().collect();
     let linear = Linear::new(fit);
     let share = fit.shares.iter().sum::<f64>() / fit.shares.len().max(1) as f64;
     let numbers = share * linear.y.len() as f64;
@@ -91,7 +102,7 @@ pub(crate) fn explain(
         arm_kg: experiment.robot.joints.iter().map(|joint| joint.link.mass_kg).sum(),
     };
     let by_model = !fit.nominal.assumed() && options.torque != Torque::Measured;
-    let found = scan(&linear, &layout, course, by_model.then_some(&loaded), model.clone())?;
+    let found = scan(&linear, &layout, course, by_model.then_some(&loaded), &known, model.clone())?;
     let scattered = scatter::scattered(&linear, course);
     let mut findings = found.findings;
     let (of_model, before_causes) = (fit.unknowns.len(), model.w.ncols());
@@ -107,7 +118,9 @@ pub(crate) fn explain(
             at.copy_from(mean);
             let after = fit.tcps(&postures);
             let moved: Vec<Vector3<f64>> = after.iter().zip(&before).map(|(a, b)| a - b).collect();
-            finding.harm_mm = rigid.mean_without(&moved) * 1e3;
+            if !known.iter().any(|known| known.alternative == finding.alternative) {
+                finding.harm_mm = rigid.mean_without(&moved) * 1e3;
+            }
             before = after;
         }
     }
@@ -124,11 +137,34 @@ pub(crate) fn explain(
     (fit.cross.size_rad, fit.cross.white) = (size_rad, white);
     fit.by_causes = unwhitened(&linear, &found.model.displaced(before_causes));
     fit.left = unwhitened(&linear, &(found.model.displaced(0) - &linear.y));
-    Ok(Causes {
+    let causes = Causes {
         findings,
         families: found.families,
         scattered,
-    })
+    };
+    fit.displaced = displacements(fit, &linear, causes.in_cell());
+    Ok(causes)
+}
+
+/// How far findings displace the targets, in the axes of their frames. None if the linear model has a part of the targets only.
+fn displacements<'a>(fit: &Fit, linear: &Linear, findings: impl Iterator<Item = &'a Finding>) -> Displacements {
+    let mut whitened = DVector::zeros(linear.y.len());
+    for finding in findings {
+        for ((column, _), effect) in finding.columns.iter().zip(&finding.effect) {
+            whitened.axpy(*effect, column, 1.0);
+        }
+    }
+    let targets = fit.prepared.iter().flat_map(Prepared::parts).filter(|part| *part != RowPart::Body);
+    if targets.count() != fit.prepared.len() || linear.rows.len() != fit.prepared.len() {
+        return Displacements::new();
+    }
+    let mut displaced = unwhitened(linear, &whitened);
+    for row in &fit.prepared {
+        if let (Some(moved), Some(base)) = (displaced.get_mut(&row.index), fit.state.bases.get(row.reference)) {
+            *moved = base.rotation * *moved;
+        }
+    }
+    displaced
 }
 
 /// Displacements (m, F0) of the first target of each observation, by their whitened ones.

@@ -32,7 +32,8 @@ const LEAST_LOAD: f64 = 2.0;
 /// Tests every alternative.
 ///
 /// A score under the model alone, which is cheap, says which alternatives deserve a
-/// closer look. Each of these is then taken into the model, and the evidence says which explains the data with less.
+/// closer look. Each of these is then taken into the model, and the evidence says which explains the data with less. What is
+/// `known`, whose effect the targets of the fit are free of, is taken into it first.
 ///
 /// # Errors
 /// Equations that have no solution.
@@ -41,6 +42,7 @@ pub(crate) fn scan(
     layout: &Layout,
     course: &Course,
     loaded: Option<&LoadEffects<'_>>,
+    known: &[Finding],
     mut model: Extended,
 ) -> Result<Scanned, IdentifyError> {
     let mut list = alternatives(linear, layout, course);
@@ -60,6 +62,16 @@ pub(crate) fn scan(
     let mut families = selection.families();
     let mut findings: Vec<Finding> = Vec::new();
     let mut means: Vec<DVector<f64>> = Vec::new();
+    for known in known {
+        let is_known = |trial: &TriedAlternative| trial.alternative == known.alternative;
+        let Some(index) = trials.iter().position(is_known) else { continue };
+        let Candidate { with, columns, .. } =
+            Candidate::new(index, &known.alternative, linear, &model, selection.wide(index), None)?;
+        findings.push(selection.finding(index, 0.0, Some(known), &with, columns, linear, course));
+        selection.chosen.push(index);
+        model = with;
+        means.push(model.mean().rows(0, model.m).into_owned());
+    }
     while findings.len() < MOST {
         let mut best: Option<(f64, f64, Candidate)> = None;
         let shortlist = selection.shortlist();
@@ -92,16 +104,18 @@ pub(crate) fn scan(
         let Some((_, log_p, candidate)) = best else { break };
         let index = candidate.index;
         let (with, columns) = candidate.named();
-        let finding = selection.finding(index, log_p, with, columns, linear, course);
+        let finding = selection.finding(index, log_p, None, with, columns, linear, course);
+        findings.push(finding);
+        selection.chosen.push(index);
+        model = candidate.with;
+        means.push(model.mean().rows(0, model.m).into_owned());
+    }
+    for finding in &findings {
         let family = finding.alternative.family();
         for test in families.iter_mut().filter(|t| t.family == family) {
             test.found = true;
             test.sigmas = test.sigmas.max(finding.sigmas);
         }
-        findings.push(finding);
-        selection.chosen.push(index);
-        model = candidate.with;
-        means.push(model.mean().rows(0, model.m).into_owned());
     }
     Ok(Scanned {
         findings,

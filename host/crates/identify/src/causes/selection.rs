@@ -243,18 +243,22 @@ impl<'a> Selection<'a> {
         tests
     }
 
-    /// A finding, its effect from the model `with` its columns.
+    /// A finding, its effect from the model `with` its columns, beside what was `known` of it before.
     pub(super) fn finding(
         &self,
         index: usize,
         log_p: f64,
+        known: Option<&Finding>,
         with: &Extended,
         columns: Vec<(DVector<f64>, f64)>,
         linear: &Linear,
         course: &Course,
     ) -> Finding {
         let trial = &self.trials[index];
-        let (effect, covariance) = with.named_effect(&columns);
+        let (mut effect, covariance) = with.named_effect(&columns);
+        if let Some(known) = known {
+            effect += &known.effect;
+        }
         let shift = effect.rows(0, effect.len().min(3)).into_owned();
         let (size, sigma) = length(&effect, &covariance);
         let moved = displaced(displacement(linear, &trial.columns), &effect, &covariance);
@@ -263,6 +267,17 @@ impl<'a> Selection<'a> {
             _ => (size, sigma),
         };
         let signed = if effect.len() == 1 { effect[0] * 1e3 } else { size };
+        let words = words(&trial.alternative, &shift, sigma, moved, course);
+        if let Some(known) = known {
+            return Finding {
+                words,
+                size: signed,
+                sigma,
+                columns,
+                effect,
+                ..known.clone()
+            };
+        }
         let concerned = |k: &usize| trial.columns.rows(3 * k, 3).norm_squared() > 0.0;
         let mut rows: Vec<usize> = (0..linear.rows.len())
             .filter(concerned)
@@ -274,7 +289,7 @@ impl<'a> Selection<'a> {
         or.dedup();
         Finding {
             alternative: trial.alternative,
-            words: words(&trial.alternative, &shift, sigma, moved, course),
+            words,
             size: signed,
             sigma,
             sigmas: sigmas(log_p),

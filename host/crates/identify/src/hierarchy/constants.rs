@@ -83,6 +83,10 @@ pub(crate) const FIRST_ROUNDS: usize = 3;
 pub(crate) const ROUNDS: usize = 60;
 /// Change of every logarithm of a size at which the search ends.
 pub(crate) const SETTLED: f64 = 0.01;
+/// Most fits without the causes that were named before, and the change of every cause, as a share of its standard deviation, from
+/// which they are the last.
+pub(crate) const CAUSE_ROUNDS: usize = 6;
+pub(crate) const CAUSE_STAYS: f64 = 0.1;
 /// Distance of two sets of joint angles (rad) up to which postures are alike: within it the Jacobian turns by less than a third.
 /// The residuals of a real UR10 correlate by 0.4 there, and by 0.2 at 1 rad.
 pub(crate) const ALIKE_RAD: f64 = 0.35;

@@ -71,6 +71,8 @@ pub(crate) struct Fit {
     pub(crate) cross: CrossEffects,
     /// Displacements (m, F0) of observations by named causes, by their index.
     pub(crate) by_causes: BTreeMap<usize, Vector3<f64>>,
+    /// How far named causes in the cell displace observations.
+    pub(crate) displaced: Displacements,
     /// Residuals (m, F0) that causes and [`Self::cross`] leave.
     pub(crate) left: BTreeMap<usize, Vector3<f64>>,
     /// How well the sizes of the groups are known.
@@ -133,6 +135,9 @@ pub(crate) enum Scale {
     Doubted,
 }
 
+/// Displacements (m) of targets, by the index of the observation and in the axes of its frame.
+pub(crate) type Displacements = BTreeMap<usize, Vector3<f64>>;
+
 /// Fits `model` to the observations that `wanted` names.
 ///
 /// # Errors
@@ -144,6 +149,21 @@ pub(crate) fn fit(
     scale: Scale,
     wanted: impl Fn(usize) -> bool,
 ) -> Result<Fit, IdentifyError> {
+    fit_without(experiment, options, model, scale, wanted, &Displacements::new())
+}
+
+/// The same to targets without known displacements.
+///
+/// # Errors
+/// As of [`fit`].
+pub(crate) fn fit_without(
+    experiment: &Experiment,
+    options: &Options,
+    model: Model,
+    scale: Scale,
+    wanted: impl Fn(usize) -> bool,
+    displaced: &Displacements,
+) -> Result<Fit, IdentifyError> {
     let nominal = Nominal::new(&experiment.robot, &experiment.tool);
     let (stiffness, orders) = match model {
         Model::Geometry => (false, 0),
@@ -152,7 +172,10 @@ pub(crate) fn fit(
     };
     let layout = Layout::new(experiment, orders, stiffness);
     let in_set = |i: usize| experiment.observations.get(i).is_some_and(|o| o.set == Set::Calibrate) && wanted(i);
-    let prepared = prepare(experiment, &layout, &nominal, options.torque, in_set)?;
+    let mut prepared = prepare(experiment, &layout, &nominal, options.torque, in_set)?;
+    for row in &mut prepared {
+        row.target -= displaced.get(&row.index).copied().unwrap_or_default();
+    }
     if prepared.len() < FEWEST {
         return Err(IdentifyError::TooFewObservations {
             found: prepared.len(),
@@ -223,6 +246,7 @@ pub(crate) fn fit(
         unknowns,
         cross: CrossEffects::none(&covariance),
         by_causes: BTreeMap::new(),
+        displaced: Displacements::new(),
         left: BTreeMap::new(),
         covariance,
         log_evidence,

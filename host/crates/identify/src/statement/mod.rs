@@ -5,7 +5,7 @@
 //! interval. There are three regions:
 //!
 //! * *measured*: the rows' own postures. The error is that of further rows which are measured in the same way, with the noise
-//!   of the instrument. What a row told of itself is taken out of its own prediction (leave one out, in closed form:
+//!   of the instrument, and with what moved in the cell meanwhile. What a row told of itself is taken out of its own prediction (leave one out, in closed form:
 //!   `h (1 − h)⁻¹` with the row's leverage `h`).
 //! * *work*: where the arm is to work. The error is that of the TCP in the robot's base frame, the best rigid motion taken
 //!   out, because where the base stands is not the model's merit. The measured postures where nothing else is stated.
@@ -69,6 +69,8 @@ pub(crate) struct MeasuredRow<'a> {
     pub(crate) sphere: Option<u32>,
     /// Robust weight in the fit.
     pub(crate) weight: f64,
+    /// How far named causes in the cell displaced it, in m in F0.
+    pub(crate) displaced: Vector3<f64>,
 }
 
 /// The rows that judge a result.
@@ -81,6 +83,7 @@ pub(crate) fn judging_rows<'a>(recordings: &'a Recordings, closed_loop: bool) ->
             _ => None,
         },
         weight: 1.0,
+        displaced: Vector3::zeros(),
     };
     recordings.set_aside().map(row).collect()
 }
@@ -89,14 +92,18 @@ pub(crate) fn judging_rows<'a>(recordings: &'a Recordings, closed_loop: bool) ->
 pub(crate) fn measured_rows<'a>(experiment: &'a Experiment, calibration: &Calibration) -> Vec<MeasuredRow<'a>> {
     let row = |row: &ResidualRow| {
         let observation = experiment.observations.get(row.index)?;
+        let reference = reference_of(&observation.target);
+        let frame = calibration.frames.iter().find(|frame| frame.reference == reference);
+        let displaced = calibration.displaced.get(&row.index).zip(frame);
         Some(MeasuredRow {
             q: &observation.q,
-            reference: reference_of(&observation.target),
+            reference,
             sphere: match observation.target {
                 Target::Sphere { sphere, .. } => Some(sphere),
                 _ => None,
             },
             weight: row.weight,
+            displaced: displaced.map_or_else(Vector3::zeros, |(moved, frame)| frame.base.rotation.tr_mul(moved)),
         })
     };
     calibration.residual.rows.iter().filter_map(row).collect()

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen, Vector3};
+use rand::seq::IndexedRandom as _;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{ChiSquared, Distribution as _, StandardNormal};
 use rayon::prelude::*;
@@ -50,6 +51,8 @@ pub(super) struct Seen {
     spread: Vec<f64>,
     /// Squared distance to the nearest other row that [`AMONG`] of the rows keep.
     near: f64,
+    /// How far named causes displaced the rows of a frame and a sphere, in m in F0; none where they displaced no row.
+    displaced: BTreeMap<(Reference, Option<u32>), Vec<Vector3<f64>>>,
 }
 
 impl Seen {
@@ -70,10 +73,16 @@ impl Seen {
         };
         let mut nearest: Vec<f64> = (0..scaled.len()).map(own).collect();
         nearest.sort_unstable_by(f64::total_cmp);
+        let mut displaced: BTreeMap<_, Vec<_>> = BTreeMap::new();
+        for row in rows {
+            displaced.entry((row.reference, row.sphere)).or_default().push(row.displaced);
+        }
+        displaced.retain(|_, all| all.iter().any(|moved| *moved != Vector3::zeros()));
         Self {
             near: quantile(&nearest, AMONG),
             scaled,
             spread,
+            displaced,
         }
     }
 
@@ -224,14 +233,19 @@ impl Maker<'_> {
             / count.max(1) as f64;
         let tails = ChiSquared::new(noise.student_t).ok().filter(|_| noise.student_t > 0.0);
         for (mut column, noisy) in draws.column_iter_mut().zip(&noisy) {
-            for (k, (_, joints)) in own.iter().enumerate() {
+            for (k, (posture, (_, joints))) in postures.iter().zip(&own).enumerate() {
                 let tail = tails.map_or(1.0, |c| (noise.student_t / c.sample(&mut self.random).max(1e-9)).sqrt());
                 let mut error = Vector3::from_fn(|_, _| normal(&mut self.random)) * own_noise;
                 for joint in joints {
                     error += joint * (noise.joint_rad * normal(&mut self.random));
                 }
+                error = error * *noisy * tail;
+                let displaced = posture.seen.filter(|_| frames).and_then(|seen| self.rows.displaced.get(&seen));
+                if let Some(moved) = displaced.and_then(|all| all.choose(&mut self.random)) {
+                    error += moved;
+                }
                 for axis in 0..3 {
-                    column[3 * k + axis] += error[axis] * noisy * tail;
+                    column[3 * k + axis] += error[axis];
                 }
             }
         }
