@@ -73,7 +73,12 @@ fn planned(config: &Config) -> Result<(Known, Plan), JobError> {
     let known = known(config)?;
     let made = config.plan.make(&known.cell, &config.identify);
     let mut plan = made.map_err(|error| with_a_place(error, &known.cell, config))?;
-    plan.robot_s = plan::robot_time(&plan, &known.cell.robot, &config.carried_out(), config.campaign.second_visits);
+    plan.robot_s = plan::robot_time(
+        &plan,
+        &known.cell.robot,
+        &config.carried_out(),
+        config.campaign.second_visits,
+    );
     if plan.recorded() == 0 {
         return Err(JobError::NoPose { planned: plan.planned });
     }

@@ -40,8 +40,8 @@ use self::cross::Cross;
 use self::linear::Linear;
 use self::payload::LoadEffects;
 use self::scan::scan;
-use crate::error::IdentifyError;
 use crate::chain::Prepared;
+use crate::error::IdentifyError;
 use crate::hierarchy::{Displacements, Fit};
 use crate::options::{Options, Torque};
 use crate::parameters::Kind;
@@ -63,7 +63,9 @@ pub struct Causes {
 impl Causes {
     /// The causes in the cell: what is no error of the arm.
     pub(crate) fn in_cell(&self) -> impl Iterator<Item = &Finding> {
-        self.findings.iter().filter(|finding| finding.alternative.family().is_of_cell())
+        self.findings
+            .iter()
+            .filter(|finding| finding.alternative.family().is_of_cell())
     }
 }
 
@@ -102,7 +104,14 @@ pub(crate) fn explain(
         arm_kg: experiment.robot.joints.iter().map(|joint| joint.link.mass_kg).sum(),
     };
     let by_model = !fit.nominal.assumed() && options.torque != Torque::Measured;
-    let found = scan(&linear, &layout, course, by_model.then_some(&loaded), &known, model.clone())?;
+    let found = scan(
+        &linear,
+        &layout,
+        course,
+        by_model.then_some(&loaded),
+        &known,
+        model.clone(),
+    )?;
     let scattered = scatter::scattered(&linear, course);
     let mut findings = found.findings;
     let (of_model, before_causes) = (fit.unknowns.len(), model.w.ncols());
@@ -154,7 +163,11 @@ fn displacements<'a>(fit: &Fit, linear: &Linear, findings: impl Iterator<Item = 
             whitened.axpy(*effect, column, 1.0);
         }
     }
-    let targets = fit.prepared.iter().flat_map(Prepared::parts).filter(|part| *part != RowPart::Body);
+    let targets = fit
+        .prepared
+        .iter()
+        .flat_map(Prepared::parts)
+        .filter(|part| *part != RowPart::Body);
     if targets.count() != fit.prepared.len() || linear.rows.len() != fit.prepared.len() {
         return Displacements::new();
     }

@@ -64,7 +64,9 @@ pub(crate) fn scan(
     let mut means: Vec<DVector<f64>> = Vec::new();
     for known in known {
         let is_known = |trial: &TriedAlternative| trial.alternative == known.alternative;
-        let Some(index) = trials.iter().position(is_known) else { continue };
+        let Some(index) = trials.iter().position(is_known) else {
+            continue;
+        };
         let Candidate { with, columns, .. } =
             Candidate::new(index, &known.alternative, linear, &model, selection.wide(index), None)?;
         findings.push(selection.finding(index, 0.0, Some(known), &with, columns, linear, course));

@@ -9,7 +9,9 @@ use super::{EvaluateError, EvaluateOptions};
 use crate::causes::{self, Causes, Course};
 use crate::hierarchy::constants::{CAUSE_ROUNDS, CAUSE_STAYS, ROWS_PER_SEAT};
 use crate::hierarchy::{Displacements, Fit, Scale};
-use crate::{Calibration, Experiment, IdentifyError, Method, Model, Options, Override, Target, finish, hierarchy, identify};
+use crate::{
+    Calibration, Experiment, IdentifyError, Method, Model, Options, Override, Target, finish, hierarchy, identify,
+};
 
 /// A tool further than this (m) from what was said is taken from the data.
 const TOOL_FAR_M: f64 = 0.005;

@@ -75,7 +75,10 @@ impl Seen {
         nearest.sort_unstable_by(f64::total_cmp);
         let mut displaced: BTreeMap<_, Vec<_>> = BTreeMap::new();
         for row in rows {
-            displaced.entry((row.reference, row.sphere)).or_default().push(row.displaced);
+            displaced
+                .entry((row.reference, row.sphere))
+                .or_default()
+                .push(row.displaced);
         }
         displaced.retain(|_, all| all.iter().any(|moved| *moved != Vector3::zeros()));
         Self {
@@ -240,7 +243,10 @@ impl Maker<'_> {
                     error += joint * (noise.joint_rad * normal(&mut self.random));
                 }
                 error = error * *noisy * tail;
-                let displaced = posture.seen.filter(|_| frames).and_then(|seen| self.rows.displaced.get(&seen));
+                let displaced = posture
+                    .seen
+                    .filter(|_| frames)
+                    .and_then(|seen| self.rows.displaced.get(&seen));
                 if let Some(moved) = displaced.and_then(|all| all.choose(&mut self.random)) {
                     error += moved;
                 }
