@@ -333,6 +333,7 @@ impl DistanceProblem {
             cross: CrossEffects::none(&covariance),
             by_causes: std::collections::BTreeMap::new(),
             displaced: std::collections::BTreeMap::new(),
+            scale: crate::hierarchy::Scale::Known,
             left: std::collections::BTreeMap::new(),
             covariance,
             log_evidence: f64::NAN,

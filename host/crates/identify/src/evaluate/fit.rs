@@ -125,10 +125,11 @@ fn explained(
 ) -> Result<(Fit, Causes), IdentifyError> {
     let mut causes = Causes::default();
     let mut displaced = Displacements::new();
+    let mut scale = Scale::Doubted;
     let mut round = 0;
     loop {
         round += 1;
-        let mut fit = hierarchy::fit_without(experiment, options, model, Scale::Doubted, |_| true, &displaced)?;
+        let mut fit = hierarchy::fit_without(experiment, options, model, scale, |_| true, &displaced)?;
         let known = std::mem::take(&mut causes);
         causes = causes::explain(&mut fit, experiment, options, course, &known)?;
         let stays = causes.in_cell().all(|finding| {
@@ -138,7 +139,7 @@ fn explained(
         if stays || fit.displaced.is_empty() || round == CAUSE_ROUNDS {
             return Ok((fit, causes));
         }
-        displaced = fit.displaced;
+        (displaced, scale) = (fit.displaced, fit.scale);
     }
 }
 

@@ -83,6 +83,8 @@ pub(crate) struct Fit {
     pub(crate) nu: f64,
     /// See [`Sizes::strangeness`].
     pub(crate) strangeness: Strangeness,
+    /// Whether a scale as wrong as a mistake makes it explains the rows best.
+    pub(crate) scale: Scale,
     pub(crate) identifiability: Identifiability,
 }
 
@@ -207,8 +209,8 @@ pub(crate) fn fit_without(
     };
     let identifiability = search.identifiability(experiment, options)?;
     let found = search.run()?;
-    let found = match scale {
-        Scale::Known => found,
+    let (found, scale) = match scale {
+        Scale::Known => (found, scale),
         Scale::Doubted => found.or_with_a_wrong_scale(),
     };
     let log_evidence = found.log_evidence();
@@ -252,6 +254,7 @@ pub(crate) fn fit_without(
         log_evidence,
         nu: noise.nu,
         strangeness: sizes.strangeness(),
+        scale,
         open,
         identifiability,
     })

@@ -5,18 +5,18 @@ use spherecal_model::statistics::median;
 
 use super::constants::{HOPELESS, LARGEST_SCALE, SCALE_EVIDENCE, SCALE_RESIDUAL, WRONG_SCALE};
 use super::sizes::Family;
-use super::{Found, Search};
+use super::{Found, Scale, Search};
 use crate::chain::Prepared;
 use crate::parameters::Kind;
 
 impl Found<'_> {
-    /// This, or a search from here with a scale that is as wrong as a mistake makes it, whichever has the more evidence. A
-    /// single small parameter holds its own size down, so that the first search does not find this mode.
-    pub(super) fn or_with_a_wrong_scale(self) -> Self {
+    /// This, or a search from here with a scale that is as wrong as a mistake makes it, whichever has the more evidence, and
+    /// which. A single small parameter holds its own size down, so that the first search does not find this mode.
+    pub(super) fn or_with_a_wrong_scale(self) -> (Self, Scale) {
         let mut search = self.search.clone();
         // Rows that the first search does not explain, of an arm of 1 m, are not a matter of the scale.
         if self.median_m() > HOPELESS || !search.sizes.set(Family::Scale, WRONG_SCALE) {
-            return self;
+            return (self, Scale::Known);
         }
         // An arm that shrinks with its targets makes the noise of its joints small, and is no explanation; on the way there and
         // back the search never settles.
@@ -26,7 +26,10 @@ impl Found<'_> {
                 && wide.median_m() <= SCALE_RESIDUAL * self.median_m()
                 && wide.log_evidence() > self.log_evidence() + SCALE_EVIDENCE
         };
-        search.run().ok().filter(fits).unwrap_or(self)
+        match search.run().ok().filter(fits) {
+            Some(wide) => (wide, Scale::Doubted),
+            None => (self, Scale::Known),
+        }
     }
 
     /// Median distance of the rows from their targets, in m.
