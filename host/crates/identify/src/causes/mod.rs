@@ -70,7 +70,7 @@ impl Causes {
 }
 
 /// Tests the causes in the residuals of a fit, and takes those that are found into the fit. `course` says in which order
-/// and in which coupling the observations were made. The targets of the fit are free of the causes in the cell that `known` holds.
+/// and in which coupling the observations were made. With findings that are `known`, only those are: the targets of the fit are free of those in the cell.
 ///
 /// # Errors
 /// Equations that have no solution.
@@ -79,9 +79,8 @@ pub(crate) fn explain(
     experiment: &Experiment,
     options: &Options,
     course: &Course,
-    known: &Causes,
+    known: &[Finding],
 ) -> Result<Causes, IdentifyError> {
-    let known: Vec<Finding> = known.in_cell().cloned().collect();
     let linear = Linear::new(fit);
     let share = fit.shares.iter().sum::<f64>() / fit.shares.len().max(1) as f64;
     let numbers = share * linear.y.len() as f64;
@@ -109,7 +108,7 @@ pub(crate) fn explain(
         &layout,
         course,
         by_model.then_some(&loaded),
-        &known,
+        known,
         model.clone(),
     )?;
     let scattered = scatter::scattered(&linear, course);

@@ -32,8 +32,8 @@ const LEAST_LOAD: f64 = 2.0;
 /// Tests every alternative.
 ///
 /// A score under the model alone, which is cheap, says which alternatives deserve a
-/// closer look. Each of these is then taken into the model, and the evidence says which explains the data with less. What is
-/// `known`, whose effect the targets of the fit are free of, is taken into it first.
+/// closer look. Each of these is then taken into the model, and the evidence says which explains the data with less. Where
+/// causes are `known`, those are taken into it, and no other: what a sharper fit would name besides depends on single rows.
 ///
 /// # Errors
 /// Equations that have no solution.
@@ -67,14 +67,14 @@ pub(crate) fn scan(
         let Some(index) = trials.iter().position(is_known) else {
             continue;
         };
-        let Candidate { with, columns, .. } =
-            Candidate::new(index, &known.alternative, linear, &model, selection.wide(index), None)?;
-        findings.push(selection.finding(index, 0.0, Some(known), &with, columns, linear, course));
+        let candidate = Candidate::new(index, &known.alternative, linear, &model, selection.wide(index), loaded)?;
+        let (with, columns) = candidate.named();
+        findings.push(selection.finding(index, 0.0, Some(known), with, columns, linear, course));
         selection.chosen.push(index);
-        model = with;
+        model = candidate.with;
         means.push(model.mean().rows(0, model.m).into_owned());
     }
-    while findings.len() < MOST {
+    while known.is_empty() && findings.len() < MOST {
         let mut best: Option<(f64, f64, Candidate)> = None;
         let shortlist = selection.shortlist();
         if shortlist.is_empty() {

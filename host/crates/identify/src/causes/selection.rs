@@ -243,7 +243,7 @@ impl<'a> Selection<'a> {
         tests
     }
 
-    /// A finding, its effect from the model `with` its columns, beside what was `known` of it before.
+    /// A finding, its effect from the model `with` its columns, beside what was `known` of it before if it is in the cell.
     pub(super) fn finding(
         &self,
         index: usize,
@@ -256,7 +256,7 @@ impl<'a> Selection<'a> {
     ) -> Finding {
         let trial = &self.trials[index];
         let (mut effect, covariance) = with.named_effect(&columns);
-        if let Some(known) = known {
+        if let Some(known) = known.filter(|known| known.alternative.family().is_of_cell()) {
             effect += &known.effect;
         }
         let shift = effect.rows(0, effect.len().min(3)).into_owned();

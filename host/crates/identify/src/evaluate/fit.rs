@@ -131,7 +131,7 @@ fn explained(
         round += 1;
         let mut fit = hierarchy::fit_without(experiment, options, model, scale, |_| true, &displaced)?;
         let known = std::mem::take(&mut causes);
-        causes = causes::explain(&mut fit, experiment, options, course, &known)?;
+        causes = causes::explain(&mut fit, experiment, options, course, &known.findings)?;
         let stays = causes.in_cell().all(|finding| {
             let before = known.in_cell().find(|known| known.alternative == finding.alternative);
             before.is_some_and(|before| (finding.size - before.size).abs() < CAUSE_STAYS * finding.sigma)
