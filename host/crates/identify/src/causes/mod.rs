@@ -70,7 +70,8 @@ impl Causes {
 }
 
 /// Tests the causes in the residuals of a fit, and takes those that are found into the fit. `course` says in which order
-/// and in which coupling the observations were made. With findings that are `known`, only those are: the targets of the fit are free of those in the cell.
+/// and in which coupling the observations were made. With findings that are `known`, only those are: the targets of the fit are
+/// free of those in the cell.
 ///
 /// # Errors
 /// Equations that have no solution.

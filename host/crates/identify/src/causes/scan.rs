@@ -67,7 +67,12 @@ pub(crate) fn scan(
         let Some(index) = trials.iter().position(is_known) else {
             continue;
         };
-        let candidate = Candidate::new(index, &known.alternative, linear, &model, selection.wide(index), loaded)?;
+        let columns = selection.wide(index);
+        if columns.is_empty() {
+            // With the others in the model the data no longer see it.
+            continue;
+        }
+        let candidate = Candidate::new(index, &known.alternative, linear, &model, columns, loaded)?;
         let (with, columns) = candidate.named();
         findings.push(selection.finding(index, 0.0, Some(known), with, columns, linear, course));
         selection.chosen.push(index);

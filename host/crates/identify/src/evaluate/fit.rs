@@ -132,10 +132,10 @@ fn explained(
         let mut fit = hierarchy::fit_without(experiment, options, model, scale, |_| true, &displaced)?;
         let known = std::mem::take(&mut causes);
         causes = causes::explain(&mut fit, experiment, options, course, &known.findings)?;
-        let stays = causes.in_cell().all(|finding| {
-            let before = known.in_cell().find(|known| known.alternative == finding.alternative);
-            before.is_some_and(|before| (finding.size - before.size).abs() < CAUSE_STAYS * finding.sigma)
-        });
+        let stays = causes.in_cell().count() == known.in_cell().count()
+            && causes.in_cell().zip(known.in_cell()).all(|(now, before)| {
+                now.alternative == before.alternative && (now.size - before.size).abs() < CAUSE_STAYS * now.sigma
+            });
         if stays || fit.displaced.is_empty() || round == CAUSE_ROUNDS {
             return Ok((fit, causes));
         }
