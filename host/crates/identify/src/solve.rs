@@ -1,12 +1,13 @@
 //! Posterior of a linearised model: normal equations plus priors, scaled and factorised, and
 //! inverted if the covariance is needed.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Vector3};
 
+use super::chain::State;
 use super::dense::{Factor, gram_of_lower};
 use super::error::IdentifyError;
 use super::normal::Normal;
-use super::parameters::Parameter;
+use super::parameters::{Layout, Parameter};
 
 /// The free columns of a model, their priors and the present state.
 #[derive(Clone, Debug)]
@@ -120,4 +121,27 @@ impl Posterior {
     fn log_determinant(&self) -> f64 {
         self.factor.log_determinant() - 2.0 * self.scale.iter().map(|s| s.ln()).sum::<f64>()
     }
+}
+
+/// Converts the first of `count` unknowns from shifts of each base at its pivot to shifts of the base's origin:
+/// `δt = δ + ω × (t − c)`.
+pub(crate) fn about_base(count: usize, unknowns: &Unknowns, layout: &Layout, state: &State) -> DMatrix<f64> {
+    let mut turned = DMatrix::identity(count, count);
+    let at = |column: usize| unknowns.columns.iter().position(|c| *c == column);
+    for (f, (base, pivot)) in state.bases.iter().zip(&state.pivots).enumerate() {
+        let arm = base.position - pivot;
+        let first = layout.base(f);
+        let mut turn = DMatrix::identity(count, count);
+        for axis in 0..3 {
+            let Some(column) = at(first + 3 + axis) else { continue };
+            let shift = Vector3::<f64>::ith(axis, 1.0).cross(&arm);
+            for k in 0..3 {
+                if let Some(row) = at(first + k) {
+                    turn[(row, column)] = shift[k];
+                }
+            }
+        }
+        turned = turn * turned;
+    }
+    turned
 }

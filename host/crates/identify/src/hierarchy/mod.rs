@@ -44,7 +44,7 @@ use super::options::{Model, Options};
 use super::parameter_table::table;
 use super::parameters::{Kind, Layout, Parameter};
 use super::seen::RowPart;
-use super::solve::{Posterior, Unknowns};
+use super::solve::{Posterior, Unknowns, about_base};
 use spherecal_model::{Experiment, Set};
 
 /// Fewest observations: their three numbers each must exceed the six of the base.
@@ -392,27 +392,4 @@ impl<'a> Search<'a> {
             .collect();
         Ok(moved)
     }
-}
-
-/// Converts the first of `count` unknowns from shifts of each base at its pivot to shifts of the base's origin:
-/// `δt = δ + ω × (t − c)`.
-fn about_base(count: usize, unknowns: &Unknowns, layout: &Layout, state: &State) -> DMatrix<f64> {
-    let mut turned = DMatrix::identity(count, count);
-    let at = |column: usize| unknowns.columns.iter().position(|c| *c == column);
-    for (f, (base, pivot)) in state.bases.iter().zip(&state.pivots).enumerate() {
-        let arm = base.position - pivot;
-        let first = layout.base(f);
-        let mut turn = DMatrix::identity(count, count);
-        for axis in 0..3 {
-            let Some(column) = at(first + 3 + axis) else { continue };
-            let shift = Vector3::<f64>::ith(axis, 1.0).cross(&arm);
-            for k in 0..3 {
-                if let Some(row) = at(first + k) {
-                    turn[(row, column)] = shift[k];
-                }
-            }
-        }
-        turned = turn * turned;
-    }
-    turned
 }
