@@ -4,6 +4,7 @@
 //! finite numbers, normalised vectors, joint limits.
 
 use nalgebra::Vector3;
+use spherecal_shared::procedure::Limits;
 use spherecal_shared::protocol::host::{ApproachCommand, Command, ImpedanceCommand, PoseCommand, Refusal};
 use spherecal_shared::robot::{Arm, DrivenRobot, Tool};
 
@@ -210,7 +211,7 @@ impl<const N: usize> Controller<N> {
     /// Takes over the common limits of robot and drive.
     pub(super) fn set_motion_limits(&mut self) {
         let limits = self.safety.limits();
-        let share = 0.8 * self.procedure.limits.velocity_share;
+        let share = Limits::MOTION_SHARE * self.procedure.limits.velocity_share;
         if let Some(configured) = &mut self.configured {
             configured.torque_limits = core::array::from_fn(|i| limits[i].torque_nm);
             configured.speeds = core::array::from_fn(|i| limits[i].velocity_rad_s * share);

@@ -2,6 +2,7 @@
 //! nest seated; the tool and the elbow turn.
 
 use nalgebra::Matrix3;
+use spherecal_shared::procedure::Limits;
 use spherecal_shared::protocol::host::Fault;
 
 use super::record::{RESTART_FACTOR, RecordingPose};
@@ -94,7 +95,7 @@ impl<const N: usize> Turning<N> {
         for (dq, limit) in env.snapshot.dq.iter().zip(env.speeds) {
             share = share.max(dq.abs() / limit);
         }
-        let load = (share / SLOW_DOWN_SHARE).max(joint_load(env, &env.snapshot.dq));
+        let load = (share / Limits::SLOW_TURN_SHARE).max(joint_load(env, &env.snapshot.dq));
         self.along_s += self.scaling.step(load, env.period_s) * env.period_s;
     }
 
@@ -202,9 +203,6 @@ const ELBOW_WIDEST: f64 = 2.0;
 /// The arm need not be still at the end of a turn: it comes to rest while the stiffness falls to that of the recording, which
 /// begins when it is.
 const SLOW_FACTOR: f64 = RESTART_FACTOR;
-
-/// Share of the joints' speed limits above which a turn slows down.
-const SLOW_DOWN_SHARE: f64 = 0.6;
 
 #[cfg(test)]
 mod tests {

@@ -215,7 +215,8 @@ fn slow_sound_contacts_may_be_used_up_to_their_accuracy() {
 }
 
 // Fails if a wrong coordinate or scale of the certificate, or an encoder that jumped or drifted, is not named, or makes the
-// stated error a fifth smaller; if scale and encoders do not widen it by half; if the model of another arm changes the result; or if distances are not asked for.
+// stated error a fifth smaller; if scale and encoders do not widen it by half; if the model of another arm changes the result;
+// or if distances are not asked for.
 #[test]
 #[ignore = "slow: the gate runs it"]
 fn slow_contradicted_inputs_are_named_and_widen_the_error() {

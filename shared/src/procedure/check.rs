@@ -230,6 +230,13 @@ pub struct Limits {
 /// Stands for "no limit" in the workspace, in m: farther than any arm reaches.
 pub(super) const UNBOUNDED_M: f64 = 10.0;
 
+impl Limits {
+    /// Share of [`Self::velocity_share`] that a motion uses. The rest is for what deviates from it.
+    pub const MOTION_SHARE: f64 = 0.8;
+    /// Share of a motion's speed limit above which a turn about a sphere slows down.
+    pub const SLOW_TURN_SHARE: f64 = 0.6;
+}
+
 impl Default for Limits {
     fn default() -> Self {
         Self {

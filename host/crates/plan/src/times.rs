@@ -10,7 +10,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Uniform};
 use spherecal_model::chain::{Chain, TcpPose, rotation_of};
-use spherecal_shared::procedure::{Motion, Procedure, Turn};
+use spherecal_shared::procedure::{Limits, Motion, Procedure, Turn};
 use spherecal_shared::robot::{Joint, Robot};
 
 use super::path::move_angle;
@@ -28,8 +28,6 @@ const SETTLE_S: f64 = 0.42;
 const PASS_S: f64 = 0.1;
 /// Descent to the contact, and leaving the sphere, in s, of a visit.
 const VISIT_S: f64 = 3.5;
-/// Share of a joint's speed limit, times `procedure.limits.velocity_share`, above which the controller slows a turn down.
-const SLOW_SHARE: f64 = 0.48;
 /// Coming to rest after a joint motion, in s.
 const REST_S: f64 = 0.2;
 
@@ -69,7 +67,7 @@ pub(super) fn motion_s(a: &[f64], b: &[f64]) -> f64 {
 
 /// Predicted time of turning through the poses of a visit and recording, in s.
 fn poses_s(procedure: &Procedure, robot: &Robot, visit: &Visit) -> f64 {
-    let slow = SLOW_SHARE * procedure.limits.velocity_share;
+    let slow = Limits::SLOW_TURN_SHARE * Limits::MOTION_SHARE * procedure.limits.velocity_share;
     let record_s = SETTLE_S
         + procedure.law.stiffness_ramp_s
         + 1e-3 * f64::from(procedure.record.samples)

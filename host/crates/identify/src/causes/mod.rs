@@ -70,8 +70,8 @@ impl Causes {
 }
 
 /// Tests the causes in the residuals of a fit, and takes those that are found into the fit. `course` says in which order
-/// and in which coupling the observations were made. With findings that are `known`, only those are: the targets of the fit are
-/// free of those in the cell.
+/// and in which coupling the observations were made. Where causes are `known`, only those are: the targets of the fit are free of
+/// those in the cell.
 ///
 /// # Errors
 /// Equations that have no solution.
@@ -80,7 +80,7 @@ pub(crate) fn explain(
     experiment: &Experiment,
     options: &Options,
     course: &Course,
-    known: &[Finding],
+    known: &Causes,
 ) -> Result<Causes, IdentifyError> {
     let linear = Linear::new(fit);
     let share = fit.shares.iter().sum::<f64>() / fit.shares.len().max(1) as f64;
@@ -109,7 +109,7 @@ pub(crate) fn explain(
         &layout,
         course,
         by_model.then_some(&loaded),
-        known,
+        &known.findings,
         model.clone(),
     )?;
     let scattered = scatter::scattered(&linear, course);
@@ -127,7 +127,7 @@ pub(crate) fn explain(
             at.copy_from(mean);
             let after = fit.tcps(&postures);
             let moved: Vec<Vector3<f64>> = after.iter().zip(&before).map(|(a, b)| a - b).collect();
-            if !known.iter().any(|known| known.alternative == finding.alternative) {
+            if known.findings.is_empty() {
                 finding.harm_mm = rigid.mean_without(&moved) * 1e3;
             }
             before = after;
@@ -146,9 +146,14 @@ pub(crate) fn explain(
     (fit.cross.size_rad, fit.cross.white) = (size_rad, white);
     fit.by_causes = unwhitened(&linear, &found.model.displaced(before_causes));
     fit.left = unwhitened(&linear, &(found.model.displaced(0) - &linear.y));
+    let families = if known.findings.is_empty() {
+        found.families
+    } else {
+        known.families.clone()
+    };
     let causes = Causes {
         findings,
-        families: found.families,
+        families,
         scattered,
     };
     fit.displaced = displacements(fit, &linear, causes.in_cell());

@@ -47,7 +47,8 @@ pub(crate) fn scan(
 ) -> Result<Scanned, IdentifyError> {
     let mut list = alternatives(linear, layout, course);
     list.extend(patterns(linear, layout, course, loaded));
-    list.retain(|(_, columns)| columns.norm_squared() > 0.0);
+    let wanted = |a: &Alternative| known.is_empty() || known.iter().any(|known| known.alternative == *a);
+    list.retain(|(alternative, columns)| wanted(alternative) && columns.norm_squared() > 0.0);
     let mut trials: Vec<TriedAlternative> = list
         .into_iter()
         .map(|(alternative, columns)| TriedAlternative {
@@ -67,9 +68,9 @@ pub(crate) fn scan(
         let Some(index) = trials.iter().position(is_known) else {
             continue;
         };
+        // With the others in the model the data may no longer see it.
         let columns = selection.wide(index);
         if columns.is_empty() {
-            // With the others in the model the data no longer see it.
             continue;
         }
         let candidate = Candidate::new(index, &known.alternative, linear, &model, columns, loaded)?;
@@ -112,17 +113,15 @@ pub(crate) fn scan(
         let index = candidate.index;
         let (with, columns) = candidate.named();
         let finding = selection.finding(index, log_p, None, with, columns, linear, course);
-        findings.push(finding);
-        selection.chosen.push(index);
-        model = candidate.with;
-        means.push(model.mean().rows(0, model.m).into_owned());
-    }
-    for finding in &findings {
         let family = finding.alternative.family();
         for test in families.iter_mut().filter(|t| t.family == family) {
             test.found = true;
             test.sigmas = test.sigmas.max(finding.sigmas);
         }
+        findings.push(finding);
+        selection.chosen.push(index);
+        model = candidate.with;
+        means.push(model.mean().rows(0, model.m).into_owned());
     }
     Ok(Scanned {
         findings,

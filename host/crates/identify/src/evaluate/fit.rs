@@ -131,7 +131,7 @@ fn explained(
         round += 1;
         let mut fit = hierarchy::fit_without(experiment, options, model, scale, |_| true, &displaced)?;
         let known = std::mem::take(&mut causes);
-        causes = causes::explain(&mut fit, experiment, options, course, &known.findings)?;
+        causes = causes::explain(&mut fit, experiment, options, course, &known)?;
         let stays = causes.in_cell().count() == known.in_cell().count()
             && causes.in_cell().zip(known.in_cell()).all(|(now, before)| {
                 now.alternative == before.alternative && (now.size - before.size).abs() < CAUSE_STAYS * now.sigma

@@ -5,8 +5,8 @@
 //! interval. There are three regions:
 //!
 //! * *measured*: the rows' own postures. The error is that of further rows which are measured in the same way, with the noise
-//!   of the instrument, and with what moved in the cell meanwhile. What a row told of itself is taken out of its own prediction (leave one out, in closed form:
-//!   `h (1 − h)⁻¹` with the row's leverage `h`).
+//!   of the instrument, and with what moved in the cell meanwhile. What a row told of itself is taken out of its own prediction
+//!   (leave one out, in closed form: `h (1 − h)⁻¹` with the row's leverage `h`).
 //! * *work*: where the arm is to work. The error is that of the TCP in the robot's base frame, the best rigid motion taken
 //!   out, because where the base stands is not the model's merit. The measured postures where nothing else is stated.
 //! * *whole*: spread over all joint ranges. An extrapolation, as large as the data leave it.
@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 use spherecal_model::statistics::quantile;
 
 pub use self::budget::{BudgetTerm, ErrorBudget, Source};
-use self::region::{Maker, Posture, Region, Root, Seen, spread};
+use self::region::{Maker, Posture, Region, Root, Seen, displaced, spread};
 use crate::hierarchy::constants::{FEWEST_JUDGES, POSTURES};
 use crate::recordings::{Judge, Recordings};
 use crate::residuals::ResidualRow;
@@ -144,6 +144,7 @@ impl Statement {
             random,
             freedom,
             rows: Seen::new(rows),
+            displaced: displaced(rows),
         };
         let own_noise = if closed {
             calibration.noise.seating_m

@@ -42,6 +42,21 @@ pub(super) struct Maker<'a> {
     /// Degrees of freedom that the noise rests on.
     pub(super) freedom: f64,
     pub(super) rows: Seen,
+    pub(super) displaced: Displaced,
+}
+
+/// Displacements (m, F0) by named causes of all rows of a frame and a sphere. Frames and spheres without one are left out.
+pub(super) type Displaced = BTreeMap<(Reference, Option<u32>), Vec<Vector3<f64>>>;
+
+/// How far named causes displaced rows.
+pub(super) fn displaced(rows: &[MeasuredRow<'_>]) -> Displaced {
+    let mut displaced = Displaced::new();
+    for row in rows {
+        let own = displaced.entry((row.reference, row.sphere)).or_default();
+        own.push(row.displaced);
+    }
+    displaced.retain(|_, own| own.iter().any(|moved| *moved != Vector3::zeros()));
+    displaced
 }
 
 /// Where the rows are in the space of the joints.
@@ -51,8 +66,6 @@ pub(super) struct Seen {
     spread: Vec<f64>,
     /// Squared distance to the nearest other row that [`AMONG`] of the rows keep.
     near: f64,
-    /// How far named causes displaced the rows of a frame and a sphere, in m in F0; none where they displaced no row.
-    displaced: BTreeMap<(Reference, Option<u32>), Vec<Vector3<f64>>>,
 }
 
 impl Seen {
@@ -73,19 +86,10 @@ impl Seen {
         };
         let mut nearest: Vec<f64> = (0..scaled.len()).map(own).collect();
         nearest.sort_unstable_by(f64::total_cmp);
-        let mut displaced: BTreeMap<_, Vec<_>> = BTreeMap::new();
-        for row in rows {
-            displaced
-                .entry((row.reference, row.sphere))
-                .or_default()
-                .push(row.displaced);
-        }
-        displaced.retain(|_, all| all.iter().any(|moved| *moved != Vector3::zeros()));
         Self {
             near: quantile(&nearest, AMONG),
             scaled,
             spread,
-            displaced,
         }
     }
 
@@ -243,11 +247,9 @@ impl Maker<'_> {
                     error += joint * (noise.joint_rad * normal(&mut self.random));
                 }
                 error = error * *noisy * tail;
-                let displaced = posture
-                    .seen
-                    .filter(|_| frames)
-                    .and_then(|seen| self.rows.displaced.get(&seen));
-                if let Some(moved) = displaced.and_then(|all| all.choose(&mut self.random)) {
+                let group = posture.seen.filter(|_| frames);
+                let displaced = group.and_then(|group| self.displaced.get(&group));
+                if let Some(moved) = displaced.and_then(|own| own.choose(&mut self.random)) {
                     error += moved;
                 }
                 for axis in 0..3 {
