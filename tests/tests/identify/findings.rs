@@ -13,7 +13,8 @@ use spherecal::sim::plant::PlantConfig;
 use spherecal::sim::worlds::World;
 use spherecal_lab::worlds::{Trial, record_plant};
 
-use super::verdicts::{default_plan, move_contacts};
+use super::broken::move_contacts;
+use super::verdicts::default_plan;
 
 /// Checks that say the findings.
 const NAMES: [&str; 7] = [

@@ -2,6 +2,7 @@
 //! stored worlds and data of other robots.
 
 mod as_measured;
+mod broken;
 mod findings;
 mod headers;
 mod identifiability;
