@@ -71,7 +71,9 @@ class Robot:
         return Robot._of(self._native.with_tool(vector("tool", tool, "m (flange frame)")))
 
     def __repr__(self) -> str:
-        return f"Robot({self.name!r}, joints={self.joints}, tool={tuple(self.tool)})"
+        # To the nanometre: the digits after it differ from processor to processor when the tool was identified.
+        tool = tuple(round(float(v), 9) for v in self.tool)
+        return f"Robot({self.name!r}, joints={self.joints}, tool={tool})"
 
     def __eq__(self, other: object) -> bool:
         """Whether every length, angle, mass, limit and name is the same, and the tool."""

@@ -11,7 +11,7 @@ def printed(notebook):
 
 
 # Fails if a cell of the notebook fails, draws nothing, no longer calibrates the data, or prints other than what is stored
-# with it: store it again with `jupyter nbconvert --to notebook --execute --inplace`.
+# with it: store it again with `jupyter execute --inplace`.
 def test_the_notebook_calibrates_and_draws():
     nbformat = pytest.importorskip("nbformat")
     client = pytest.importorskip("nbclient")
