@@ -9,8 +9,6 @@
 //! After the poses of a placement every sphere is coupled once more, as at its first visit. So a
 //! sphere that moved meanwhile is noticed while the arm is still there.
 
-use std::collections::BTreeSet;
-
 use spherecal_shared::protocol::host::{ApproachCommand, Command, Fault, Phase};
 
 use super::CampaignError;
@@ -123,18 +121,17 @@ impl Campaign<'_> {
     /// Couples every sphere of the present placement once more whose place is known. Returns whether
     /// there was one.
     pub(super) fn second_visits(&mut self, session: &mut Session<'_>) -> Result<bool, CampaignError> {
-        let mut seen = BTreeSet::new();
         if !self.assignment.options.second_visits {
             return Ok(false);
         }
-        for visit in &self.assignment.plan.spheres {
-            if visit.place == self.place && self.seats.knows(visit) && seen.insert(visit.sphere_id) {
-                self.with_reconnect(session, Some(visit), |campaign, session, _| {
-                    campaign.second_visit(session, visit)
-                })?;
-            }
+        let plan = self.assignment.plan;
+        let visits = plan.second_visits(self.place, |visit| self.seats.knows(visit));
+        for visit in &visits {
+            self.with_reconnect(session, Some(visit), |campaign, session, _| {
+                campaign.second_visit(session, visit)
+            })?;
         }
-        Ok(!seen.is_empty())
+        Ok(!visits.is_empty())
     }
 
     /// Goes to the approach frame of `visit`, over home if the straight way is not clear, and couples

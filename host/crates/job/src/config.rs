@@ -206,12 +206,10 @@ impl Config {
                 remedy: "give a positive mean error in mm, with plan.choice = \"optimal\"",
             });
         }
-        if let Some(patience) = self.plan.patience
-            && !(patience > 0.0)
-        {
+        if !(self.plan.patience > 0.0) {
             return Err(ConfigError::Range {
                 field: "plan.patience",
-                value: patience,
+                value: self.plan.patience,
                 remedy: "give a positive number, in units of a recording's time, or leave it out",
             });
         }

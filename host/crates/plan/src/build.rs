@@ -5,10 +5,10 @@ use serde::{Deserialize, Serialize};
 use super::cell::Cell;
 use super::error::PlanError;
 use super::grid::{Grid, GridPose};
-use super::order::{move_size, order, round_trip, spread};
+use super::order::{round_trip, spread};
 use super::path::Rules;
 use super::start::{PlacedCell, Start, home};
-use super::times::robot_time;
+use super::times::{robot_time, turn_s};
 use super::types::{Plan, PlannedPose, Rejection, Visit};
 use spherecal_model::chain::{Chain, TcpPose, quaternion};
 use spherecal_shared::procedure::Procedure;
@@ -160,23 +160,11 @@ pub(super) fn sequence(
     chosen: &[GridPose],
     first_id: u32,
 ) -> Vec<PlannedPose> {
-    let tour = if rules.stray_m > 0.0 {
-        // At small angles of joint 2 the elbow's way of 10 degrees turns joint 1 by 60. Friction then holds the arm short
-        // of the pose, and it creeps for longer than a recording waits: 34 of 1,800 poses. Beside such a pose lies
-        // another with nearly its joint angles.
-        let at = |k: usize| {
-            chosen
-                .get(k)
-                .map_or((&start.neutral, &start.joints), |g| (&g.pose, &g.joints))
-        };
-        round_trip(chosen.len(), |a, b| {
-            let turns = at(a).1.iter().zip(at(b).1).map(|(a, b)| (a - b).abs());
-            turns.fold(move_size(at(a).0, at(b).0), f64::max) as f32
-        })
-    } else {
-        let poses: Vec<TcpPose> = chosen.iter().map(|g| g.pose).collect();
-        order(&start.neutral, &poses)
-    };
+    let neutral = (&start.neutral, start.joints.as_slice());
+    let at = |k: usize| chosen.get(k).map_or(neutral, |g| (&g.pose, g.joints.as_slice()));
+    // At small angles of joint 2 the elbow's way of 10 degrees turns joint 1 by 60, which takes long. Beside such a pose lies
+    // another with nearly its joint angles.
+    let tour = round_trip(chosen.len(), |a, b| turn_s(chain.limits(), at(a), at(b)));
     let mut out: Vec<PlannedPose> = Vec::new();
     let mut here = (start.neutral, start.joints.clone());
     let mut vias = 0;

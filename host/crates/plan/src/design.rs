@@ -53,7 +53,11 @@ pub fn design(cell: &Cell, request: &DesignRequest) -> Result<Plan, PlanError> {
     let mut design = Design::of(&design_problem.problem, chosen);
     if request.patience.is_finite() {
         design.hurry(
-            Travel::new(&design_problem.candidates, &design_problem.visits),
+            Travel::new(
+                &design_problem.chain,
+                &design_problem.candidates,
+                &design_problem.visits,
+            ),
             request.patience,
         );
     }
@@ -170,12 +174,10 @@ pub fn design_for(cell: &Cell, request: &DesignRequest, wanted_mm: f64) -> Resul
     let mut poses = poses_for(cell, &most, wanted_mm)?;
     let (mut enough, mut raised): (Option<Plan>, bool) = (None, false);
     loop {
-        let patience = request.patience * request.poses as f64 / poses as f64;
         let plan = design(
             cell,
             &DesignRequest {
                 poses,
-                patience,
                 ..request.clone()
             },
         )?;

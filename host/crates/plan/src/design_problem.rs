@@ -101,7 +101,10 @@ impl DesignProblem {
     pub(super) fn design(&self, request: &DesignRequest) -> Design<'_> {
         let mut design = Design::new(&self.problem);
         if request.patience.is_finite() {
-            design.hurry(Travel::new(&self.candidates, &self.visits), request.patience);
+            design.hurry(
+                Travel::new(&self.chain, &self.candidates, &self.visits),
+                request.patience,
+            );
         }
         design
     }

@@ -8,9 +8,9 @@ use super::path::Rules;
 /// Default for the largest number of contacts. In the worlds, more contacts take robot time and do
 /// not lower the error; three contacts give a fifth more error.
 pub const CONTACTS: usize = 5;
-/// Number of poses of a plan in which a turn may take as long as a recording. Plans that do not weigh travel take 5 to 11 %
-/// more robot time with 30 poses and 8 to 17 % more with 150, for 1 to 4 % less predicted error (seven arms, 2026-11-29).
-const PATIENT_POSES: f64 = 60.0;
+/// Default for [`DesignRequest::patience`]. Plans that do not weigh turns take 10 to 16 % more robot time, with 30 poses and
+/// with 150, for 3 to 9 % less predicted error (iiwa 7, FR3, UR5e, 2026-11-30); below 0.1 they save no more time.
+pub const PATIENCE: f64 = 0.125;
 
 /// What to plan.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,8 +20,8 @@ pub struct DesignRequest {
     /// Largest number of contacts, but at least one per sphere and placement; 0 for as many as are
     /// worthwhile.
     pub contacts: usize,
-    /// Travel time to a pose, in units of a recording's time, at which half of the pose's gain is
-    /// discounted; infinite to ignore travel.
+    /// Time of the turn to a pose, in units of a recording's time, at which half of the pose's gain is
+    /// discounted; infinite to ignore turns.
     pub patience: f64,
     /// How wide they may lie.
     pub range: Range,
@@ -34,14 +34,13 @@ pub struct DesignRequest {
 }
 
 impl DesignRequest {
-    /// `poses` poses over the default ranges on at most five contacts. The more poses, the less
-    /// each gains and the less travel it may cost.
+    /// `poses` poses over the default ranges on at most five contacts.
     pub fn new(poses: usize) -> Self {
         let range = Range::default();
         Self {
             poses,
             contacts: CONTACTS,
-            patience: PATIENT_POSES / poses.max(1) as f64,
+            patience: PATIENCE,
             range: Range {
                 candidates: range.candidates.min(600 + 16 * poses),
                 ..range

@@ -1,38 +1,18 @@
-//! Neighbour order: short continuous moves of about a second each; a random order takes four or
-//! five.
+//! Orders with short moves. Poses in neighbour order take a turn of about a second each; in a random order of four or five.
 
 use spherecal_model::chain::{TcpPose, turn_between};
-
-/// Size of a move, in rad: the larger of rotation and elbow angle determines the time, the other
-/// breaks ties.
-pub fn move_size(a: &TcpPose, b: &TcpPose) -> f64 {
-    let elbow = match (a.elbow, b.elbow) {
-        (Some(a), Some(b)) => (b - a).abs(),
-        _ => 0.0,
-    };
-    let turn = turn_between(&a.rotation, &b.rotation);
-    turn.max(elbow) + 0.1 * turn.min(elbow)
-}
-
-/// Order in which to visit `poses` on a round trip from `start` and back close to it, where the arm
-/// leaves in the orientation of the approach. Indices into `poses`.
-pub fn order(start: &TcpPose, poses: &[TcpPose]) -> Vec<usize> {
-    let n = poses.len();
-    let at = |k: usize| poses.get(k).unwrap_or(start);
-    round_trip(n, |a, b| move_size(at(a), at(b)) as f32)
-}
 
 /// A short round trip from node `n` over the nodes 0 to n-1: nearest neighbour, then 2-opt and
 /// single moves until nothing gets shorter. `size` is the distance between two nodes, the same in
 /// both directions. f32 halves the memory traffic and is precise enough for an order.
-pub(super) fn round_trip(n: usize, size: impl Fn(usize, usize) -> f32) -> Vec<usize> {
+pub(super) fn round_trip(n: usize, size: impl Fn(usize, usize) -> f64) -> Vec<usize> {
     if n == 0 {
         return Vec::new();
     }
     let mut distance = vec![0f32; (n + 1) * (n + 1)];
     for a in 0..=n {
         for b in 0..a {
-            let d = size(a, b);
+            let d = size(a, b) as f32;
             distance[a * (n + 1) + b] = d;
             distance[b * (n + 1) + a] = d;
         }
@@ -53,6 +33,19 @@ pub(super) fn round_trip(n: usize, size: impl Fn(usize, usize) -> f32) -> Vec<us
         }
     }
     tour.split_off(1)
+}
+
+/// A short way over the nodes 0 to n-1 that begins at node `n + 1` and ends at node `n`. `size` is the distance, in s, between
+/// two nodes, the same in both directions.
+pub(super) fn one_way(n: usize, size: impl Fn(usize, usize) -> f64) -> Vec<usize> {
+    // A round trip with a step from the end to the beginning that costs less than nothing.
+    const BACK_S: f64 = -100.0;
+    let mut tour = round_trip(n + 1, |a, b| if a.min(b) == n { BACK_S } else { size(a, b) });
+    if tour.first() == Some(&n) {
+        tour.reverse();
+    }
+    tour.retain(|k| *k != n);
+    tour
 }
 
 /// One sweep of 2-opt on a round trip whose first node is fixed.
@@ -127,30 +120,21 @@ pub(super) fn spread(start: &TcpPose, poses: &[TcpPose], count: usize) -> Vec<us
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Rotation3, Vector3};
-
     use super::*;
 
-    fn pose(angle: f64) -> TcpPose {
-        TcpPose {
-            position: Vector3::zeros(),
-            rotation: Rotation3::from_axis_angle(&Vector3::z_axis(), angle),
-            elbow: Some(0.5 * angle),
-        }
-    }
-
-    // Fails if poses on a line are not visited out and back without a detour.
+    // Fails if nodes on a line are not visited out and back without a detour, or on a way between two others not in order.
     #[test]
     fn a_line_is_walked_out_and_back() {
-        let poses: Vec<TcpPose> = [0.3, 0.1, 0.9, 0.5, 0.2, 0.7].map(pose).into();
-        let start = pose(0.0);
-        let tour = order(&start, &poses);
+        let places = [0.3, 0.1, 0.9, 0.5, 0.2, 0.7, 0.0_f64];
+        let size = |a: usize, b: usize| (places[a] - places[b]).abs();
+        let tour = round_trip(6, size);
         let mut sorted = tour.clone();
         sorted.sort_unstable();
         assert_eq!(sorted, [0, 1, 2, 3, 4, 5]);
-        let round = core::iter::once(&start).chain(tour.iter().map(|k| &poses[*k]));
-        let ends = round.clone().skip(1).chain(core::iter::once(&start));
-        let length: f64 = round.zip(ends).map(|(a, b)| move_size(a, b)).sum();
-        assert!((length - 2.0 * move_size(&start, &pose(0.9))).abs() < 1e-6, "{length}");
+        let round = core::iter::once(6).chain(tour);
+        let ends = round.clone().skip(1).chain(core::iter::once(6));
+        let length: f64 = round.zip(ends).map(|(a, b)| size(a, b)).sum();
+        assert!((length - 2.0 * size(6, 2)).abs() < 1e-6, "{length}");
+        assert_eq!(one_way(5, size), [1, 4, 0, 3, 2][..].to_vec());
     }
 }

@@ -3,25 +3,17 @@
 //! Motions follow the controller's rest-to-rest quintic; recordings and couplings take what the procedure says. What neither
 //! says was measured in simulated campaigns on `as_measured`.
 
-use std::collections::BTreeSet;
-
 use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Uniform};
 use spherecal_model::chain::{Chain, TcpPose, rotation_of};
 use spherecal_shared::procedure::{Limits, Motion, Procedure, Turn};
-use spherecal_shared::robot::{Joint, Robot};
+use spherecal_shared::robot::{JointLimits, Robot};
 
 use super::path::move_angle;
 use super::types::{Plan, Visit};
 
-/// What the choice of poses weighs travel by: time of a recording (s), speed (rad/s) and acceleration (rad/s²) of a turn.
-///
-/// Turns are faster now. By their real times, which grow with the root of the angle, plans of 150 poses had longer turns:
-/// they took 20 s more and were no more accurate.
-pub(super) const RECORD_S: f64 = 1.65;
-const WEIGHED: (f64, f64) = (0.5, 1.5);
 /// Coming to rest after a turn, and the exchange of messages, in s.
 const SETTLE_S: f64 = 0.42;
 /// Exchange of messages at a pose that is only passed, in s.
@@ -40,10 +32,11 @@ fn quintic_s(distance: f64, speed: f64, acceleration: f64) -> f64 {
 /// Time of a turn about a sphere by `angle` (rad), in s, whose joints move by `swings` of their slow speeds (s): the
 /// controller slows down where a joint would be faster.
 fn turning_s(turn: &Turn, angle: f64, swings: f64) -> f64 {
-    const STEPS: u32 = 32;
+    // Of the first half: the second is its mirror image.
+    const STEPS: u32 = 8;
     let fast_s = quintic_s(angle, turn.speed_rad_s, turn.acceleration_rad_s2);
     let slowed = |step: u32| {
-        let x = (f64::from(step) + 0.5) / f64::from(STEPS);
+        let x = (f64::from(step) + 0.5) / f64::from(2 * STEPS);
         (30.0 * (x * (1.0 - x)).powi(2) * swings).max(fast_s)
     };
     (0..STEPS).map(slowed).sum::<f64>() / f64::from(STEPS)
@@ -55,23 +48,35 @@ fn moving_s(motion: &Motion, a: &[f64], b: &[f64]) -> f64 {
     quintic_s(distance, motion.speed_rad_s, motion.acceleration_rad_s2)
 }
 
-/// Time of a turn as the choice of poses weighs it, in s.
-pub(super) fn turn_s(angle: f64) -> f64 {
-    quintic_s(angle, WEIGHED.0, WEIGHED.1)
-}
-
 /// Time of a joint motion with the default procedure, in s.
 pub(super) fn motion_s(a: &[f64], b: &[f64]) -> f64 {
     moving_s(&Motion::default(), a, b)
 }
 
-/// Predicted time of turning through the poses of a visit and recording, in s.
-fn poses_s(procedure: &Procedure, robot: &Robot, visit: &Visit) -> f64 {
+/// A pose about a sphere with its joint angles, in rad.
+type Posed<'a> = (&'a TcpPose, &'a [f64]);
+
+/// Time of a turn between two poses, in s.
+fn between_s(procedure: &Procedure, limits: &[JointLimits], a: Posed<'_>, b: Posed<'_>) -> f64 {
     let slow = Limits::SLOW_TURN_SHARE * Limits::MOTION_SHARE * procedure.limits.velocity_share;
-    let record_s = SETTLE_S
-        + procedure.law.stiffness_ramp_s
-        + 1e-3 * f64::from(procedure.record.samples)
-        + procedure.seating.check_s;
+    let swing = |((a, b), limit): ((&f64, &f64), &JointLimits)| (a - b).abs() / (slow * limit.velocity_rad_s);
+    let swings = a.1.iter().zip(b.1).zip(limits).map(swing);
+    turning_s(&procedure.turn, move_angle(a.0, b.0), swings.fold(0.0, f64::max))
+}
+
+/// Time of a turn between two poses with the default procedure, in s.
+pub(super) fn turn_s(limits: &[JointLimits], a: Posed<'_>, b: Posed<'_>) -> f64 {
+    between_s(&Procedure::default(), limits, a, b)
+}
+
+/// Time of a recording, in s, with coming to rest before it.
+pub(super) fn record_s(procedure: &Procedure) -> f64 {
+    SETTLE_S + procedure.law.stiffness_ramp_s + 1e-3 * f64::from(procedure.record.samples) + procedure.seating.check_s
+}
+
+/// Predicted time of turning through the poses of a visit and recording, in s.
+fn poses_s(procedure: &Procedure, limits: &[JointLimits], visit: &Visit) -> f64 {
+    let record_s = record_s(procedure);
     let mut here = TcpPose {
         position: visit.position_m.into(),
         rotation: rotation_of(&visit.approach.orientation),
@@ -85,9 +90,7 @@ fn poses_s(procedure: &Procedure, robot: &Robot, visit: &Visit) -> f64 {
             rotation: rotation_of(&pose.orientation),
             elbow: pose.elbow_rad,
         };
-        let swing = |((a, b), joint): ((&f64, &f64), &Joint)| (a - b).abs() / (slow * joint.limits.velocity_rad_s);
-        let swings = joints.iter().zip(&pose.joints).zip(&robot.joints).map(swing);
-        time += turning_s(&procedure.turn, move_angle(&here, &next), swings.fold(0.0, f64::max));
+        time += between_s(procedure, limits, (&here, joints), (&next, &pose.joints));
         time += if pose.via { PASS_S } else { record_s };
         here = next;
         joints = &pose.joints;
@@ -104,6 +107,7 @@ pub fn robot_time(plan: &Plan, robot: &Robot, procedure: &Procedure, second_visi
     let contact_s = approach.trigger_n / (approach.stiffness_n_m[2] * approach.speed_m_s);
     let visit_s = VISIT_S + contact_s + approach.tare_s + procedure.couple.hold_s + procedure.seating.test_s;
     let travel_s = |a: &[f64], b: &[f64]| moving_s(&procedure.motion, a, b) + REST_S;
+    let limits: Vec<JointLimits> = robot.joints.iter().map(|joint| joint.limits).collect();
     let mut here = home;
     let mut time = 0.0;
     for (number, visit) in plan.spheres.iter().enumerate() {
@@ -111,20 +115,16 @@ pub fn robot_time(plan: &Plan, robot: &Robot, procedure: &Procedure, second_visi
             time += travel_s(here, home);
             here = home;
         }
-        time += travel_s(here, &visit.approach.joints) + visit_s + poses_s(procedure, robot, visit);
+        time += travel_s(here, &visit.approach.joints) + visit_s + poses_s(procedure, &limits, visit);
         here = &visit.approach.joints;
         let is_last = plan
             .spheres
             .get(number + 1)
             .is_none_or(|next| next.place != visit.place);
         if second_visits && is_last {
-            let mut seen = BTreeSet::new();
-            let there = |other: &&Visit| other.place == visit.place;
-            for again in plan.spheres.iter().filter(there) {
-                if seen.insert(again.sphere_id) {
-                    time += travel_s(here, &again.approach.joints) + visit_s;
-                    here = &again.approach.joints;
-                }
+            for again in plan.second_visits(visit.place, |_| true) {
+                time += travel_s(here, &again.approach.joints) + visit_s;
+                here = &again.approach.joints;
             }
         }
     }

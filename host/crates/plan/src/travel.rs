@@ -3,16 +3,18 @@
 use super::candidates::{Candidate, CandidateVisit};
 use super::cell::Cell;
 use super::order::round_trip;
-use super::path::move_angle;
 use super::scene::Scene;
-use super::times::{RECORD_S, motion_s, turn_s};
+use super::times::{motion_s, record_s, turn_s};
 use super::types::Waypoint;
 use spherecal_model::chain::Chain;
+use spherecal_shared::procedure::Procedure;
+use spherecal_shared::robot::JointLimits;
 
 /// Travel cost of a candidate: the turn from the nearest chosen pose of its visit, or from the
 /// start of the visit.
 #[derive(Clone)]
 pub(super) struct Travel<'a> {
+    limits: &'a [JointLimits],
     candidates: &'a [Candidate],
     visits: &'a [CandidateVisit],
     /// Time from the nearest chosen pose, in s, by candidate.
@@ -21,8 +23,9 @@ pub(super) struct Travel<'a> {
 
 impl<'a> Travel<'a> {
     /// Nothing chosen.
-    pub(super) fn new(candidates: &'a [Candidate], visits: &'a [CandidateVisit]) -> Self {
+    pub(super) fn new(chain: &'a Chain, candidates: &'a [Candidate], visits: &'a [CandidateVisit]) -> Self {
         let mut travel = Self {
+            limits: chain.limits(),
             candidates,
             visits,
             reach_s: Vec::new(),
@@ -33,14 +36,19 @@ impl<'a> Travel<'a> {
 
     /// Time from where the visit begins, in s.
     fn start_s(&self, c: &Candidate) -> f64 {
-        turn_s(move_angle(&self.visits[c.visit].start.neutral, &c.pose))
+        let start = &self.visits[c.visit].start;
+        turn_s(self.limits, (&start.neutral, &start.joints), (&c.pose, &c.joints))
+    }
+
+    fn between_s(&self, a: &Candidate, b: &Candidate) -> f64 {
+        turn_s(self.limits, (&a.pose, &a.joints), (&b.pose, &b.joints))
     }
 
     pub(super) fn add(&mut self, chosen: usize) {
         let new = &self.candidates[chosen];
         for (reach, c) in self.reach_s.iter_mut().zip(self.candidates) {
             if c.visit == new.visit {
-                *reach = reach.min(turn_s(move_angle(&new.pose, &c.pose)));
+                *reach = reach.min(turn_s(self.limits, (&new.pose, &new.joints), (&c.pose, &c.joints)));
             }
         }
     }
@@ -57,7 +65,7 @@ impl<'a> Travel<'a> {
             let c = &self.candidates[k];
             if c.visit == visit {
                 let start = self.start_s(c);
-                let nearest = here.iter().map(|other| turn_s(move_angle(&other.pose, &c.pose)));
+                let nearest = here.iter().map(|other| self.between_s(other, c));
                 self.reach_s[k] = nearest.fold(start, f64::min);
             }
         }
@@ -66,7 +74,8 @@ impl<'a> Travel<'a> {
     /// Share of a candidate's gain that counts: gain per second, relative to a pose without travel.
     /// The larger `patience`, the smaller the discount.
     pub(super) fn share(&self, candidate: usize, patience: f64) -> f64 {
-        (patience * RECORD_S) / (patience * RECORD_S + self.reach_s[candidate])
+        let record_s = patience * record_s(&Procedure::default());
+        record_s / (record_s + self.reach_s[candidate])
     }
 }
 
@@ -95,12 +104,11 @@ pub(super) fn tour(cell: &Cell, chain: &Chain, home: &Waypoint, visits: &[&Candi
     }
     let is_direct = |a: usize, b: usize| a < n && b < n && direct[a * n + b];
     let cost = |a: usize, b: usize| {
-        let s = if a == n || b == n || is_direct(a, b) {
+        if a == n || b == n || is_direct(a, b) {
             motion_s(at(a), at(b))
         } else {
             over_home(a, b)
-        };
-        s as f32
+        }
     };
     let mut order = round_trip(n, cost);
     // The plate is moved once to each of its placements.

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use spherecal_identify as identify;
 use spherecal_plan::{
-    CONTACTS, Cell, DesignRequest, Grid, Plan, PlanError, PlanRequest, Range, Rules, design, design_for, plan,
+    CONTACTS, Cell, DesignRequest, Grid, PATIENCE, Plan, PlanError, PlanRequest, Range, Rules, design, design_for, plan,
 };
 
 /// Predicted mean error of the plan for an asked accuracy, as a share of it. The verdict asks that the mean error is below the
@@ -45,9 +45,7 @@ pub struct PlanSection {
     pub contacts: usize,
     /// Weight of robot time in an optimal plan, as a number of recordings: a pose counts half when the way to it
     /// takes as long as this many recordings. A small value saves robot time, a large one poses.
-    /// Left out: 60 divided by the number of poses.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub patience: Option<f64>,
+    pub patience: f64,
     /// How far optimal poses may turn away from the upright pose.
     pub range: Range,
     /// The grid about each sphere.
@@ -72,7 +70,7 @@ impl Default for PlanSection {
             accuracy_mm: None,
             choice: Choice::Optimal,
             contacts: CONTACTS,
-            patience: None,
+            patience: PATIENCE,
             range: Range::default(),
             grid: Grid::default(),
             rules: Rules::default(),
@@ -102,12 +100,12 @@ impl PlanSection {
         }
         let default = DesignRequest::new(match self.accuracy_mm {
             None => self.poses,
-            // The number of poses is searched for; this one only sets the default patience.
+            // The number of poses is searched for; this one only sets how many candidates there are.
             Some(_) => Self::default().poses,
         });
         let request = DesignRequest {
             contacts: self.contacts,
-            patience: self.patience.unwrap_or(default.patience),
+            patience: self.patience,
             range: Range {
                 candidates: self.range.candidates.min(default.range.candidates),
                 ..self.range
