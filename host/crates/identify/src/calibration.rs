@@ -5,10 +5,10 @@ use serde::Serialize;
 use spherecal_shared::robot::{Robot, Tool};
 
 use super::chain::{N, OWN, State};
-use super::hierarchy::Displacements;
 use super::hierarchy::cross::CrossEffects;
 use super::hierarchy::open::OpenSizes;
 use super::hierarchy::sizes::Strangeness;
+use super::hierarchy::{Displacements, Ends};
 use super::identifiability::Identifiability;
 use super::load::Nominal;
 use super::options::{Method, Model};
@@ -140,6 +140,8 @@ pub(crate) struct Inner {
     pub(crate) columns: Vec<usize>,
     /// Variance of the joint noise that stays in every pose, in rad².
     pub(crate) joint_variance: f64,
+    /// Where the search ended.
+    pub(crate) ends: Ends,
     /// Whether the fit took the joints' torques from the data.
     pub(crate) measured_torque: bool,
 }

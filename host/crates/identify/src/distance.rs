@@ -21,7 +21,7 @@ use super::finish::finish;
 use super::hierarchy::cross::CrossEffects;
 use super::hierarchy::open::OpenSizes;
 use super::hierarchy::sizes::Strangeness;
-use super::hierarchy::{FEWEST, Fit, prepare, register};
+use super::hierarchy::{Ends, FEWEST, Fit, prepare, register};
 use super::identifiability::analyse;
 use super::load::Nominal;
 use super::normal::{Whitening, accumulate, groups};
@@ -334,6 +334,7 @@ impl DistanceProblem {
             by_causes: std::collections::BTreeMap::new(),
             displaced: std::collections::BTreeMap::new(),
             scale: crate::hierarchy::Scale::Known,
+            ends: Ends::default(),
             left: std::collections::BTreeMap::new(),
             covariance,
             log_evidence: f64::NAN,

@@ -103,6 +103,7 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
             nominal: nominal.clone(),
             columns: fit.unknowns.columns.clone(),
             joint_variance: joint_noise,
+            ends: fit.ends.clone(),
             measured_torque: hierarchy::measured(experiment, nominal, options.torque),
         },
         covariance: fit.covariance,

@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::error::IdentifyError;
-use super::hierarchy::{self, Fit, prepare};
+use super::hierarchy::{self, Before, Fit, prepare};
 use super::load::Nominal;
 use super::options::{Method, Model, Options};
 use super::parameters::Layout;
@@ -157,7 +157,7 @@ pub(crate) fn regions(experiment: &Experiment, count: usize) -> Vec<usize> {
 /// Everything that [`super::identify`] refuses, and a split with fewer than two parts.
 pub fn holdout(experiment: &Experiment, options: &Options, split: &Split) -> Result<Holdout, IdentifyError> {
     held_out(experiment, options, split, |experiment, options, model, of, part| {
-        hierarchy::fit(experiment, options, model, hierarchy::Scale::Known, |i| {
+        hierarchy::fit(experiment, options, model, &Before::default(), |i| {
             of.get(i) != Some(&part)
         })
     })

@@ -129,15 +129,27 @@ pub use workspace::{WORKSPACE, workspace};
 /// Data or options that cannot be used, with row, field, value and remedy; or
 /// no convergence.
 pub fn identify(experiment: &Experiment, options: &Options) -> Result<Calibration, IdentifyError> {
+    identify_from(experiment, options, &hierarchy::Before::default())
+}
+
+/// The same, with what is known before.
+///
+/// # Errors
+/// As of [`identify`].
+fn identify_from(
+    experiment: &Experiment,
+    options: &Options,
+    before: &hierarchy::Before,
+) -> Result<Calibration, IdentifyError> {
     experiment.check()?;
     options.check()?;
     match options.method {
         Method::Full => {
-            let fit = hierarchy::fit(experiment, options, options.model, hierarchy::Scale::Known, |_| true)?;
+            let fit = hierarchy::fit(experiment, options, options.model, before, |_| true)?;
             Ok(finish::finish(experiment, options, options.model, fit))
         }
         Method::Geometry => {
-            let fit = hierarchy::fit(experiment, options, Model::Geometry, hierarchy::Scale::Known, |_| true)?;
+            let fit = hierarchy::fit(experiment, options, Model::Geometry, before, |_| true)?;
             Ok(finish::finish(experiment, options, Model::Geometry, fit))
         }
         Method::Lm | Method::GaussNewton => distance::identify(experiment, options),

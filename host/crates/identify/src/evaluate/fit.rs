@@ -8,9 +8,9 @@ use super::thin::only;
 use super::{EvaluateError, EvaluateOptions};
 use crate::causes::{self, Causes, Course};
 use crate::hierarchy::constants::{CAUSE_ROUNDS, CAUSE_STAYS, ROWS_PER_SEAT};
-use crate::hierarchy::{Displacements, Fit, Scale};
+use crate::hierarchy::{Before, Ends, Fit, Scale};
 use crate::{
-    Calibration, Experiment, IdentifyError, Method, Model, Options, Override, Target, finish, hierarchy, identify,
+    Calibration, Experiment, IdentifyError, Method, Model, Options, Override, Target, finish, hierarchy, identify_from,
 };
 
 /// A tool further than this (m) from what was said is taken from the data.
@@ -57,6 +57,7 @@ pub(super) fn fit(
     options: &Options,
     train: &[usize],
     course: Option<&Course>,
+    ends: &Ends,
 ) -> Result<ChosenFit, EvaluateError> {
     let mut used = train.to_vec();
     let mut own = only(experiment, &used);
@@ -91,16 +92,20 @@ pub(super) fn fit(
     if let Some(course) = course {
         seated(&mut own, &course.of_rows(&used));
     }
-    let (calibration, causes) = match (options.method, course) {
-        (Method::Full | Method::Geometry, Some(course)) => {
-            let model = match options.method {
-                Method::Geometry => Model::Geometry,
-                _ => options.model,
-            };
-            let (fit, causes) = explained(&own, &options, model, &course.of_rows(&used))?;
-            (finish::finish(&own, &options, model, fit), causes)
-        }
-        _ => (identify(&own, &options)?, Causes::default()),
+    let model = match options.method {
+        Method::Full => Some(options.model),
+        Method::Geometry => Some(Model::Geometry),
+        Method::Lm | Method::GaussNewton => None,
+    };
+    let (calibration, causes) = if let (Some(model), Some(course)) = (model, course) {
+        let (fit, causes) = explained(&own, &options, model, &course.of_rows(&used))?;
+        (finish::finish(&own, &options, model, fit), causes)
+    } else {
+        let before = Before {
+            ends: ends.clone(),
+            ..Before::default()
+        };
+        (identify_from(&own, &options, &before)?, Causes::default())
     };
     Ok(ChosenFit {
         options,
@@ -124,12 +129,14 @@ fn explained(
     course: &Course,
 ) -> Result<(Fit, Causes), IdentifyError> {
     let mut causes = Causes::default();
-    let mut displaced = Displacements::new();
-    let mut scale = Scale::Doubted;
+    let mut before = Before {
+        scale: Scale::Doubted,
+        ..Before::default()
+    };
     let mut round = 0;
     loop {
         round += 1;
-        let mut fit = hierarchy::fit_without(experiment, options, model, scale, |_| true, &displaced)?;
+        let mut fit = hierarchy::fit(experiment, options, model, &before, |_| true)?;
         let known = std::mem::take(&mut causes);
         causes = causes::explain(&mut fit, experiment, options, course, &known)?;
         let stays = causes.in_cell().count() == known.in_cell().count()
@@ -139,7 +146,7 @@ fn explained(
         if stays || fit.displaced.is_empty() || round == CAUSE_ROUNDS {
             return Ok((fit, causes));
         }
-        (displaced, scale) = (fit.displaced, fit.scale);
+        (before.displaced, before.scale) = (fit.displaced, fit.scale);
     }
 }
 

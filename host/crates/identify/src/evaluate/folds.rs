@@ -15,7 +15,7 @@ use crate::hierarchy::constants::POSTURES;
 use crate::judge::{Fold, HeldOut, Judged, Predictor, judge};
 use crate::judge_targets::{BodyOrientation, ToolPredictor};
 use crate::recordings::Judge;
-use crate::{GeometryOnly, Options, Pose, Recordings, Reference, Target};
+use crate::{GeometryOnly, Pose, Recordings, Reference, Target};
 
 /// Folds of the cross-validation that stands in where no validation was given.
 pub(super) const FOLDS: usize = 5;
@@ -101,21 +101,21 @@ pub(super) fn judged(
     )
 }
 
-/// Fits without some rows and judges those, fold by fold.
+/// Fits without some rows of a whole fit and judges those, fold by fold.
 fn folds(
     recordings: &Recordings,
     asked: &EvaluateOptions,
-    options: &Options,
-    train: &[usize],
+    whole: &ChosenFit,
     folds: &[(String, Vec<usize>)],
 ) -> Result<Vec<Fold>, EvaluateError> {
     folds
         .par_iter()
         .map(|(value, out)| {
             let held: HashSet<usize> = out.iter().copied().collect();
-            let rest: Vec<usize> = train.iter().copied().filter(|i| !held.contains(i)).collect();
+            let rest: Vec<usize> = whole.used.iter().copied().filter(|i| !held.contains(i)).collect();
             let rest = thinned(&recordings.experiment, &rest, FOLD_ROWS);
-            let fit = fit(&recordings.experiment, asked, options, &rest, None)?;
+            let ends = &whole.calibration.inner.ends;
+            let fit = fit(&recordings.experiment, asked, &whole.options, &rest, None, ends)?;
             // Where the file of all rows would be the best.
             let of_rows = || {
                 let every = rest.len().div_ceil(POSTURES).max(1);
@@ -155,9 +155,9 @@ fn pool(folds: impl IntoIterator<Item = Judged>, by: &str) -> Judged {
 pub(super) fn cross_validate(
     recordings: &Recordings,
     asked: &EvaluateOptions,
-    options: &Options,
-    used: &[usize],
+    whole: &ChosenFit,
 ) -> Result<Judged, EvaluateError> {
+    let used = &whole.used;
     let by_place = recordings.closed_loop() && recordings.places.len() >= 3;
     let mut groups: Vec<(String, Vec<usize>)> = Vec::new();
     if by_place {
@@ -181,7 +181,7 @@ pub(super) fn cross_validate(
     if used.len() > FOLD_ROWS {
         words += &format!(", of which it used {FOLD_ROWS} at most");
     }
-    let folds = folds(recordings, asked, options, used, &groups)?;
+    let folds = folds(recordings, asked, whole, &groups)?;
     Ok(pool(folds.into_iter().map(|f| f.judged), &words))
 }
 
@@ -189,10 +189,10 @@ pub(super) fn cross_validate(
 pub(super) fn hold_out(
     recordings: &Recordings,
     asked: &EvaluateOptions,
-    options: &Options,
-    used: &[usize],
+    whole: &ChosenFit,
     column: &str,
 ) -> Result<HeldOut, EvaluateError> {
+    let used = &whole.used;
     let mut groups = groups(recordings, used);
     let mut words = format!("each {column} predicted by a fit of the others");
     if let [(value, _)] = &groups[..]
@@ -246,7 +246,7 @@ pub(super) fn hold_out(
                 .to_owned(),
         ));
     }
-    let folds = folds(recordings, asked, options, used, &groups)?;
+    let folds = folds(recordings, asked, whole, &groups)?;
     let pooled = pool(folds.iter().map(|f| f.judged.clone()), &words);
     Ok(HeldOut {
         column: column.to_owned(),

@@ -49,6 +49,7 @@ use nalgebra::Vector3;
 use spherecal_model::statistics::median;
 
 use crate::causes::Course;
+use crate::hierarchy::Ends;
 use crate::hierarchy::constants::{HOPELESS, POSTURES, STRANGE};
 use crate::statement::{Statement, judging_rows, measured_rows};
 use crate::{GeometryOnly, IdentifyError, Method};
@@ -80,6 +81,7 @@ pub fn evaluate(
         &options.identify,
         &train,
         course.as_ref(),
+        &Ends::default(),
     )?;
     if options.align {
         plausible(recordings, &fit)?;
@@ -135,7 +137,7 @@ pub fn evaluate(
     };
     let holdout = match &recordings.holdout {
         Some(column) => {
-            let held = folds::hold_out(recordings, options, &fit.options, &fit.used, column)?;
+            let held = folds::hold_out(recordings, options, &fit, column)?;
             Some(held)
         }
         None => None,
@@ -274,7 +276,7 @@ fn cross_validation(
     fit: &ChosenFit,
     notes: &mut Vec<String>,
 ) -> Result<Option<Judged>, EvaluateError> {
-    match folds::cross_validate(recordings, options, &fit.options, &fit.used) {
+    match folds::cross_validate(recordings, options, fit) {
         Ok(judged) => Ok(Some(judged)),
         Err(EvaluateError::Identify(
             error @ (IdentifyError::TooFewObservations { .. }

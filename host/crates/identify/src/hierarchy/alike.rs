@@ -18,6 +18,8 @@ pub(crate) struct Alike {
     pairs: Vec<(usize, usize)>,
     /// Number of others that are alike, by row.
     others: Vec<f64>,
+    /// Correlation of the residuals of such rows.
+    pub(crate) correlation: f64,
     /// What each row counts.
     pub(crate) share: Vec<f64>,
 }
@@ -46,8 +48,21 @@ impl Alike {
         Self {
             pairs: found.iter().enumerate().flat_map(of_row).collect(),
             others: found.iter().map(|others| (others.len() * every) as f64).collect(),
+            correlation: 0.0,
             share: vec![1.0; prepared.len()],
         }
+    }
+
+    /// Shares that follow from a correlation. Returns the largest change of a logarithm.
+    pub(crate) fn share_by(&mut self, correlation: f64) -> f64 {
+        self.correlation = correlation;
+        let mut moved: f64 = 0.0;
+        for (share, others) in self.share.iter_mut().zip(&self.others) {
+            let next = (1.0 + others * correlation).recip();
+            moved = moved.max((next / *share).ln().abs());
+            *share = next;
+        }
+        moved
     }
 
     /// Shares that follow from the residuals (m, F0) with their robust weights. Returns the largest change of a logarithm.
@@ -66,18 +81,11 @@ impl Alike {
             .fold((0.0, 0.0), |sum, pair| (sum.0 + pair.0, sum.1 + pair.1));
         // Less its standard error were the rows independent: few pairs prove nothing.
         let error = (3.0 * self.pairs.len() as f64).sqrt().recip();
-        let correlation = if whole > 0.0 {
+        self.share_by(if whole > 0.0 {
             (common / whole - error).clamp(0.0, 1.0)
         } else {
             0.0
-        };
-        let mut moved: f64 = 0.0;
-        for (share, others) in self.share.iter_mut().zip(&self.others) {
-            let next = (1.0 + others * correlation).recip();
-            moved = moved.max((next / *share).ln().abs());
-            *share = next;
-        }
-        moved
+        })
     }
 }
 
@@ -90,6 +98,7 @@ mod tests {
         Alike {
             pairs: (0..pairs).map(|k| (2 * k, 2 * k + 1)).collect(),
             others: vec![1.0; 2 * pairs],
+            correlation: 0.0,
             share: vec![1.0; 2 * pairs],
         }
     }

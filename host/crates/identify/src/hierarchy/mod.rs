@@ -85,6 +85,8 @@ pub(crate) struct Fit {
     pub(crate) strangeness: Strangeness,
     /// Whether a scale as wrong as a mistake makes it explains the rows best.
     pub(crate) scale: Scale,
+    /// Where its search ended.
+    pub(crate) ends: Ends,
     pub(crate) identifiability: Identifiability,
 }
 
@@ -129,9 +131,10 @@ impl Fit {
 }
 
 /// Whether a scale may be as wrong as a mistake makes it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Scale {
     /// It is as good as its prior says, by a small factor.
+    #[default]
     Known,
     /// A second search tries a mistake.
     Doubted,
@@ -139,6 +142,21 @@ pub(crate) enum Scale {
 
 /// Displacements (m) of targets, by the index of the observation and in the axes of its frame.
 pub(crate) type Displacements = BTreeMap<usize, Vector3<f64>>;
+
+/// Sizes, noise and the correlation of alike postures at the end of a search.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Ends(Option<(Sizes, RowsNoise, f64)>);
+
+/// What is known before a fit.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Before {
+    /// Whether a scale may be as wrong as a mistake makes it.
+    pub(crate) scale: Scale,
+    /// Displacements of the targets.
+    pub(crate) displaced: Displacements,
+    /// Where the fit of more rows of the same arm ended: from there, a part of them takes fewer rounds.
+    pub(crate) ends: Ends,
+}
 
 /// Fits `model` to the observations that `wanted` names.
 ///
@@ -148,23 +166,8 @@ pub(crate) fn fit(
     experiment: &Experiment,
     options: &Options,
     model: Model,
-    scale: Scale,
+    before: &Before,
     wanted: impl Fn(usize) -> bool,
-) -> Result<Fit, IdentifyError> {
-    fit_without(experiment, options, model, scale, wanted, &Displacements::new())
-}
-
-/// The same to targets without known displacements.
-///
-/// # Errors
-/// As of [`fit`].
-pub(crate) fn fit_without(
-    experiment: &Experiment,
-    options: &Options,
-    model: Model,
-    scale: Scale,
-    wanted: impl Fn(usize) -> bool,
-    displaced: &Displacements,
 ) -> Result<Fit, IdentifyError> {
     let nominal = Nominal::new(&experiment.robot, &experiment.tool);
     let (stiffness, orders) = match model {
@@ -176,7 +179,7 @@ pub(crate) fn fit_without(
     let in_set = |i: usize| experiment.observations.get(i).is_some_and(|o| o.set == Set::Calibrate) && wanted(i);
     let mut prepared = prepare(experiment, &layout, &nominal, options.torque, in_set)?;
     for row in &mut prepared {
-        row.target -= displaced.get(&row.index).copied().unwrap_or_default();
+        row.target -= before.displaced.get(&row.index).copied().unwrap_or_default();
     }
     if prepared.len() < FEWEST {
         return Err(IdentifyError::TooFewObservations {
@@ -191,7 +194,7 @@ pub(crate) fn fit_without(
     let table = table(experiment, &layout, options)?;
     let start = start_state(experiment, &layout, &table, &prepared, options.base.as_ref());
     let unknowns = Unknowns::new(&table);
-    let search = Search {
+    let mut search = Search {
         sizes: Sizes::new(&table, &unknowns),
         noise: RowsNoise::new(
             Whitening::new(&options.noise),
@@ -208,9 +211,15 @@ pub(crate) fn fit_without(
         unknowns,
     };
     let identifiability = search.identifiability(experiment, options)?;
+    if let Some((sizes, noise, correlation)) = &before.ends.0 {
+        search.sizes.begin_at(sizes, &mut search.unknowns);
+        search.noise.begin_at(noise);
+        search.alike.share_by(*correlation);
+        search.weights.clone_from(&search.alike.share);
+    }
     let found = search.run()?;
-    let (found, scale) = match scale {
-        Scale::Known => (found, scale),
+    let (found, scale) = match before.scale {
+        Scale::Known => (found, before.scale),
         Scale::Doubted => found.or_with_a_wrong_scale(),
     };
     let log_evidence = found.log_evidence();
@@ -233,6 +242,7 @@ pub(crate) fn fit_without(
     let open = OpenSizes::new(sizes.groups(&unknowns), &unknowns.deviation, &covariance);
     let mut table = table;
     sizes.describe(&unknowns, &mut table);
+    let strangeness = sizes.strangeness();
     Ok(Fit {
         layout,
         table,
@@ -253,8 +263,9 @@ pub(crate) fn fit_without(
         covariance,
         log_evidence,
         nu: noise.nu,
-        strangeness: sizes.strangeness(),
+        strangeness,
         scale,
+        ends: Ends(Some((sizes, noise, alike.correlation))),
         open,
         identifiability,
     })

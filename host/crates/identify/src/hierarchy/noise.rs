@@ -209,6 +209,13 @@ impl RowsNoise {
         }
     }
 
+    /// Begins at another noise of the same instruments, where the data estimate it.
+    pub(super) fn begin_at(&mut self, other: &Self) {
+        if self.estimate {
+            (self.whitening, self.nu) = (other.whitening, other.nu);
+        }
+    }
+
     /// Weight of a row with this squared whitened residual.
     pub(crate) fn weight(&self, d2: f64, numbers: f64) -> f64 {
         if self.nu > 0.0 {

@@ -112,11 +112,32 @@ pub(crate) struct Size {
     pub(crate) now: f64,
     /// Mean of the members by their size.
     mean: f64,
+    /// Last change of the logarithm; 0 where the next one does not follow from it.
+    last: f64,
     /// Weights of seats, by three members, of Student's t: a coupling that sat badly does not make the others uncertain.
     weights: Vec<f64>,
 }
 
 impl Size {
+    /// A step to where this one and the last, of which the next ones are a constant share, would end (Aitken 1926).
+    fn ahead(&mut self, step: f64) -> f64 {
+        let share = step / self.last;
+        if SHARES.contains(&share) {
+            self.last = 0.0;
+            return step / (1.0 - share);
+        }
+        self.last = step;
+        step
+    }
+
+    /// Gives the group another size, and its members the mean that follows.
+    fn change(&mut self, now: f64, unknowns: &mut Unknowns) {
+        for &(at, factor) in &self.members {
+            unknowns.deviation[at] -= factor * self.mean * (now - self.now);
+        }
+        self.now = now;
+    }
+
     /// Weight of a member's prior.
     fn weight(&self, member: usize) -> f64 {
         self.weights.get(member / 3).copied().unwrap_or(1.0)
@@ -138,6 +159,8 @@ pub(crate) struct Strangeness {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Sizes(pub(crate) Vec<Size>);
 
+/// Shares of two steps by which they are taken for the first of many.
+const SHARES: std::ops::Range<f64> = 0.2..0.9;
 /// Newton steps for one size, and the largest change of its logarithm in one.
 const NEWTON: (usize, f64) = (20, 1.0);
 
@@ -161,6 +184,7 @@ impl Sizes {
                     spread: spread_of(family),
                     now: ordinary,
                     mean: mean_of(family, parameter),
+                    last: 0.0,
                     weights: Vec::new(),
                 });
             }
@@ -172,6 +196,15 @@ impl Sizes {
     pub(crate) fn set(&mut self, family: Family, size: f64) -> bool {
         let group = self.0.iter_mut().find(|group| group.family == family);
         group.map(|group| group.now = size).is_some()
+    }
+
+    /// Gives every group the size that its family has in `others`.
+    pub(super) fn begin_at(&mut self, others: &Self, unknowns: &mut Unknowns) {
+        for size in &mut self.0 {
+            if let Some(other) = others.0.iter().find(|other| other.family == size.family) {
+                size.change(other.now, unknowns);
+            }
+        }
     }
 
     /// Every group.
@@ -228,12 +261,10 @@ impl Sizes {
                 let told = springs::measured(&size.members, (size.now, size.mean), &unknowns.deviation, root);
                 springs::size(&told, size.ordinary.ln(), size.spread)
             };
-            let before = size.now;
-            moved = moved.max((next - size.now.ln()).abs());
-            size.now = next.exp();
-            for &(at, factor) in &size.members {
-                unknowns.deviation[at] -= factor * size.mean * (size.now - before);
-            }
+            let step = next - size.now.ln();
+            moved = moved.max(step.abs());
+            let step = size.ahead(step);
+            size.change((size.now.ln() + step).exp(), unknowns);
         }
         moved
     }
