@@ -2,6 +2,17 @@
 
 use spherecal_model::chain::{TcpPose, turn_between};
 
+/// Size of a move, in rad: the larger of rotation and elbow angle determines the time, the other
+/// breaks ties.
+pub(super) fn move_size(a: &TcpPose, b: &TcpPose) -> f64 {
+    let elbow = match (a.elbow, b.elbow) {
+        (Some(a), Some(b)) => (b - a).abs(),
+        _ => 0.0,
+    };
+    let turn = turn_between(&a.rotation, &b.rotation);
+    turn.max(elbow) + 0.1 * turn.min(elbow)
+}
+
 /// A short round trip from node `n` over the nodes 0 to n-1: nearest neighbour, then 2-opt and
 /// single moves until nothing gets shorter. `size` is the distance between two nodes, the same in
 /// both directions. f32 halves the memory traffic and is precise enough for an order.

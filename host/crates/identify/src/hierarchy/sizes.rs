@@ -124,7 +124,8 @@ impl Size {
         let share = step / self.last;
         if SHARES.contains(&share) {
             self.last = 0.0;
-            return step / (1.0 - share);
+            let most = NEWTON.1.max(step.abs());
+            return (step / (1.0 - share)).clamp(-most, most);
         }
         self.last = step;
         step
