@@ -59,6 +59,9 @@ pub(super) struct CandidateVisit {
     pub(super) start: Start,
 }
 
+/// Length of the retreat for which the arm must have room in every pose, in m: that of the default procedure.
+pub(super) const RETREAT_M: f64 = 0.05;
+
 /// A pose that could be recorded.
 #[derive(Clone)]
 pub(super) struct Candidate {
@@ -171,7 +174,10 @@ pub(super) fn candidates(
             .take(share)
             .filter(|candidate| {
                 let scene = scenes.get(visit.place as usize);
-                scene.is_some_and(|scene| scene.standing(&candidate.joints, Some(visit.sphere_id)).is_ok())
+                scene.is_some_and(|scene| {
+                    scene.standing(&candidate.joints, Some(visit.sphere_id)).is_ok()
+                        && scene.may_leave(&candidate.joints, RETREAT_M)
+                })
             })
             .collect()
     };

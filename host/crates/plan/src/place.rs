@@ -6,6 +6,7 @@
 use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
 
+use super::candidates::RETREAT_M;
 use super::cell::{Cell, PlatePose};
 use super::path::Rules;
 use super::start::{PlacedCell, home};
@@ -19,8 +20,8 @@ const HEIGHT: (f64, f64, u32) = (0.05, 0.075, 8);
 const TILT: f64 = 20.0 * core::f64::consts::PI / 180.0;
 
 /// A placement of the plate on the x axis of F0, with the orientation of the cell's first. It is
-/// the one of a grid at which the arm reaches most of the largest turns of the paper's grid on all
-/// spheres, and of those the one with the largest distance to the joint limits. `None` if no
+/// the one of a grid at which the arm reaches, and can leave, most of the largest turns of the paper's grid on all
+/// spheres, and of those the one with the largest distance to joint limits and singular places. `None` if no
 /// placement has all spheres within reach.
 pub fn suggest(cell: &Cell, chain: &Chain, rules: &Rules) -> Option<PlatePose> {
     let like = cell.plates.first()?;
@@ -49,7 +50,7 @@ pub fn suggest(cell: &Cell, chain: &Chain, rules: &Rules) -> Option<PlatePose> {
 }
 
 /// Number of turns within reach at a placement, over all spheres, and the smallest distance to a
-/// joint limit at the neutral poses, in rad; `None` if a sphere is out of reach.
+/// joint limit or a singular place at the neutral poses, in rad; `None` if a sphere is out of reach.
 fn worth(cell: &Cell, chain: &Chain, rules: &Rules, plate: &PlatePose) -> Option<(usize, f64)> {
     let mut cell = Cell {
         plates: vec![*plate],
@@ -65,7 +66,8 @@ fn worth(cell: &Cell, chain: &Chain, rules: &Rules, plate: &PlatePose) -> Option
     for sphere in &cell.spheres {
         let starts = placed.starts(sphere, yaw).ok()?;
         let start = starts.iter().find(|start| placed.straight(&home, start))?;
-        room = room.min(chain.limit_margin(&start.joints));
+        let singular = rules.nearest_singular(chain, &start.joints).room;
+        room = room.min(chain.limit_margin(&start.joints)).min(singular);
         for axis in [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()] {
             for angle in [-TILT, TILT] {
                 let turned = TcpPose {
@@ -73,7 +75,7 @@ fn worth(cell: &Cell, chain: &Chain, rules: &Rules, plate: &PlatePose) -> Option
                     ..start.neutral
                 };
                 let reached = rules.follow(chain, &start.neutral, &start.joints, &turned);
-                turns += usize::from(reached.is_ok());
+                turns += usize::from(reached.is_ok_and(|q| placed.scene.may_leave(&q, RETREAT_M)));
             }
         }
     }

@@ -1,8 +1,8 @@
 //! The retreat from a sphere: against which direction the arm leaves it.
 //!
 //! Poses are planned for the contact with the sphere, not for leaving it. In a strongly turned pose
-//! the straight retreat may end at a joint limit, out of reach, or at the post. The nest comes off by
-//! distance; the direction matters little.
+//! the straight retreat may end at a joint limit, out of reach, or at the post. Along its own axis the nest comes off with the
+//! least force: at 45 degrees to it the arm must pull with 1.4 times as much.
 
 use core::f64::consts::{FRAC_PI_4, TAU};
 
@@ -16,6 +16,8 @@ use spherecal_model::chain::TcpPose;
 /// Angles to the first choice that a retreat tries, in rad, and directions at each angle.
 const TILTS: [f64; 4] = [0.5 * FRAC_PI_4, FRAC_PI_4, 1.4 * FRAC_PI_4, 1.8 * FRAC_PI_4];
 const DIRECTIONS: u32 = 8;
+/// Angle between the tool and the approach direction, in rad, up to which a pull along the one is as good as along the other.
+const UPRIGHT_RAD: f64 = 0.2;
 /// Of these angles those to the approach direction that are tried where no retreat is clear. The
 /// plate is at a right angle to it.
 const AWAY_FROM_THE_PLATE: usize = 3;
@@ -25,24 +27,45 @@ const ROOM_RAD: f64 = 0.03;
 
 impl Scene {
     /// The direction (towards the sphere, F0, a unit vector) opposite to the best retreat by
-    /// `length_m` of an arm that stands at `q` (rad). It is `approach` if that retreat is clear and
-    /// leaves the arm room; else the tool's axis; else the direction from the contact; else one
-    /// beside these. If none is clear, it is the one near `approach` that leaves the arm most room.
+    /// `length_m` of an arm that stands at `q` (rad): that nearest to the nest's axis whose retreat is clear and leaves the arm
+    /// room. Candidates are that axis, `approach`, the direction from the contact, and directions beside these; `approach` goes
+    /// first where it is nearly the axis. If none is clear, it is the one near `approach` that leaves the arm most room.
     /// The tool keeps its orientation. A retreat that failed is not repeated: `failed` of them are
     /// passed over.
     pub fn retreat(&self, q: &[f64], approach: [f64; 3], length_m: f64, failed: usize) -> [f64; 3] {
         let straight = Vector3::from(approach);
-        let mut choices = vec![straight, self.chain.pose(q).rotation * Vector3::z()];
+        let own = self.nest_axis(q);
+        let mut choices = vec![straight, own];
         choices.extend(self.towards_contact(q));
         let axes: Vec<Unit<Vector3<f64>>> = choices.iter().map(|c| Unit::new_normalize(*c)).collect();
         for tilt in TILTS {
             choices.extend(axes.iter().flat_map(|axis| beside(axis, tilt)));
         }
+        // A stable sort keeps the approach direction before an axis that is nearly the same.
+        let aside = |choice: &Vector3<f64>| match choice.angle(&own) {
+            angle if angle < UPRIGHT_RAD => 0.0,
+            angle => angle,
+        };
+        choices.sort_by(|a, b| aside(a).total_cmp(&aside(b)));
         let clear = choices
             .into_iter()
             .filter(|choice| self.leaves_clear(q, (*choice).into(), length_m))
             .nth(failed);
         clear.map_or_else(|| self.roomiest_retreat(q, &straight, length_m, failed), Into::into)
+    }
+
+    /// Whether an arm at `q` (rad) has room for a retreat of `length_m` that the nest leaves without much more force than along
+    /// its own axis. A nest that stays on its sphere where a turn had to stop could not be brought off otherwise.
+    pub(super) fn may_leave(&self, q: &[f64], length_m: f64) -> bool {
+        let own = self.nest_axis(q);
+        let ways = core::iter::once(own).chain(beside(&Unit::new_normalize(own), TILTS[0]));
+        let paths = ways.map(|way| self.backed_off(q, &way, length_m));
+        paths.flatten().any(|paths| self.room(&paths) >= 0.0)
+    }
+
+    /// The axis of the nest, towards the sphere.
+    fn nest_axis(&self, q: &[f64]) -> Vector3<f64> {
+        self.chain.pose(q).rotation * Vector3::z()
     }
 
     /// Whether the retreat of `length_m` against `direction` comes no nearer to anything than a margin
@@ -161,16 +184,22 @@ mod tests {
 
     const DOWN: [f64; 3] = [0.0, 0.0, -1.0];
 
-    // Fails if an arm with room does not retreat straight, or if an arm whose straight retreat ends
-    // at a joint limit goes there anyway, or into the plate.
+    // Fails if an arm with room does not retreat along its nest, or straight where that is nearly upright, or if an arm whose
+    // straight retreat ends at a joint limit goes there anyway, or into the plate.
     #[test]
     fn the_retreat_keeps_clear_of_the_limits() {
         let cell = Cell::iiwa7();
         let chain = Chain::new(&cell.robot, &cell.tool).expect("an arm");
         let plan = spread_plan(&cell, 3).expect("a plan");
         let scene = Scene::new(&plan, &chain, 0, &Limits::default(), &[]);
-        let bent = &plan.spheres[0].poses[0].joints;
-        assert_eq!(scene.retreat(bent, DOWN, 0.05, 0), DOWN);
+        let approach = &plan.spheres[0].approach.joints;
+        assert_eq!(scene.retreat(approach, DOWN, 0.05, 0), DOWN);
+        let mut pose = chain.pose(approach);
+        pose.rotation *= Rotation3::from_axis_angle(&Vector3::x_axis(), 0.4);
+        let tilted = chain.follow(&pose, approach).expect("in reach");
+        let axis = scene.nest_axis(&tilted);
+        assert_eq!(scene.retreat(&tilted, DOWN, 0.05, 0), <[f64; 3]>::from(axis));
+        assert!(scene.may_leave(&tilted, 0.05));
         // A posture from the paper's grid in which joint 6 ran into its limit.
         let stretched = [0.075, 1.165, 0.012, -0.386, -0.299, 1.963, 0.145];
         let room = |direction: [f64; 3]| room(&scene, &stretched, direction);
@@ -182,6 +211,17 @@ mod tests {
             assert!(room(way) >= 0.0, "{way:?}");
             assert!(-way[2] > 0.4, "{way:?}");
         }
+    }
+
+    // Fails if a nest may be turned to where a nearly stretched UR5e cannot bring it off: it pulled beside the nest's axis there,
+    // with 44 N, three times in vain.
+    #[test]
+    fn a_stretched_arm_may_not_leave() {
+        let mut cell = Cell::iiwa7();
+        cell.robot = spherecal_shared::robot::built_in("ur5e").expect("a robot");
+        let chain = Chain::new(&cell.robot, &cell.tool).expect("an arm");
+        let scene = Scene::planned(&cell, &chain, &cell.plates[0]);
+        assert!(!scene.may_leave(&[-0.169, -0.595, 0.341, -0.549, -1.752, 1.795], 0.05));
     }
 
     fn room(scene: &Scene, q: &[f64], direction: [f64; 3]) -> f64 {

@@ -40,15 +40,11 @@ impl<'a> Travel<'a> {
         turn_s(self.limits, (&start.neutral, &start.joints), (&c.pose, &c.joints))
     }
 
-    fn between_s(&self, a: &Candidate, b: &Candidate) -> f64 {
-        turn_s(self.limits, (&a.pose, &a.joints), (&b.pose, &b.joints))
-    }
-
     pub(super) fn add(&mut self, chosen: usize) {
         let new = &self.candidates[chosen];
         for (reach, c) in self.reach_s.iter_mut().zip(self.candidates) {
             if c.visit == new.visit {
-                *reach = reach.min(turn_s(self.limits, (&new.pose, &new.joints), (&c.pose, &c.joints)));
+                *reach = reach.min(between_s(self.limits, new, c));
             }
         }
     }
@@ -65,7 +61,7 @@ impl<'a> Travel<'a> {
             let c = &self.candidates[k];
             if c.visit == visit {
                 let start = self.start_s(c);
-                let nearest = here.iter().map(|other| self.between_s(other, c));
+                let nearest = here.iter().map(|other| between_s(self.limits, other, c));
                 self.reach_s[k] = nearest.fold(start, f64::min);
             }
         }
@@ -77,6 +73,11 @@ impl<'a> Travel<'a> {
         let record_s = patience * record_s(&Procedure::default());
         record_s / (record_s + self.reach_s[candidate])
     }
+}
+
+/// Time of the turn between two candidates of a visit, in s.
+fn between_s(limits: &[JointLimits], a: &Candidate, b: &Candidate) -> f64 {
+    turn_s(limits, (&a.pose, &a.joints), (&b.pose, &b.joints))
 }
 
 /// The order of visits with the least travel, from home and back, and for each visit whether its
