@@ -96,7 +96,7 @@ impl<const N: usize> Turning<N> {
             share = share.max(dq.abs() / limit);
         }
         let load = (share / Limits::SLOW_TURN_SHARE).max(joint_load(env, &env.snapshot.dq));
-        self.along_s += self.scaling.step(load, env.period_s) * env.period_s;
+        self.along_s += self.scaling.step(load, 0.0, env.period_s) * env.period_s;
     }
 
     /// One tick.
