@@ -8,9 +8,9 @@ use super::path::Rules;
 /// Default for the largest number of contacts. In the worlds, more contacts take robot time and do
 /// not lower the error; three contacts give a fifth more error.
 pub const CONTACTS: usize = 5;
-/// Default for [`DesignRequest::patience`]. Plans that do not weigh turns take 10 to 16 % more robot time, with 30 poses and
-/// with 150, for 3 to 9 % less predicted error (iiwa 7, FR3, UR5e, 2026-11-30); below 0.1 they save no more time.
-pub const PATIENCE: f64 = 0.125;
+/// Default for [`DesignRequest::patience`]. Plans that do not weigh turns take 10 to 17 % more robot time, with 30 poses and
+/// with 150, for 2 to 10 % less predicted error (iiwa 7, FR3, UR5e, 2026-11-30); less patience saves no more time.
+pub const PATIENCE: f64 = 0.1;
 
 /// What to plan.
 #[derive(Clone, Debug, PartialEq)]
