@@ -125,7 +125,7 @@ impl Campaign<'_> {
             return Ok(false);
         }
         let plan = self.assignment.plan;
-        let visits = plan.second_visits(self.place, |visit| self.seats.knows(visit));
+        let visits = spherecal_plan::second_visits(plan, self.place, |visit| self.seats.knows(visit));
         for visit in &visits {
             self.with_reconnect(session, Some(visit), |campaign, session, _| {
                 campaign.second_visit(session, visit)

@@ -60,5 +60,5 @@ pub use path::{CollisionObject, Obstacle, Rules};
 pub use place::suggest;
 pub use scene::Scene;
 pub use start::home;
-pub use times::{robot_time, teach};
+pub use times::{robot_time, second_visits, teach};
 pub use types::{Accuracy, Plan, PlannedPose, Rejection, Visit, Waypoint};

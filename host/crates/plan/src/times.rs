@@ -3,6 +3,8 @@
 //! Motions follow the controller's rest-to-rest quintic; recordings and couplings take what the procedure says. What neither
 //! says was measured in simulated campaigns on `as_measured`.
 
+use std::collections::BTreeSet;
+
 use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -11,6 +13,7 @@ use spherecal_model::chain::{Chain, TcpPose, rotation_of};
 use spherecal_shared::procedure::{Limits, Motion, Procedure, Turn};
 use spherecal_shared::robot::{JointLimits, Robot};
 
+use super::order::one_way;
 use super::path::move_angle;
 use super::types::{Plan, Visit};
 
@@ -122,13 +125,33 @@ pub fn robot_time(plan: &Plan, robot: &Robot, procedure: &Procedure, second_visi
             .get(number + 1)
             .is_none_or(|next| next.place != visit.place);
         if second_visits && is_last {
-            for again in plan.second_visits(visit.place, |_| true) {
+            for again in self::second_visits(plan, visit.place, |_| true) {
                 time += travel_s(here, &again.approach.joints) + visit_s;
                 here = &again.approach.joints;
             }
         }
     }
     time + travel_s(here, home)
+}
+
+/// The first visit of a plan that `counts` to each sphere of a placement, in the order of least travel from the last visit
+/// there to home: after all poses, each sphere is coupled once more.
+pub fn second_visits(plan: &Plan, place: u32, counts: impl Fn(&Visit) -> bool) -> Vec<&Visit> {
+    let there = || plan.spheres.iter().filter(|visit| visit.place == place);
+    let mut seen = BTreeSet::new();
+    let first: Vec<&Visit> = there()
+        .filter(|visit| counts(visit) && seen.insert(visit.sphere_id))
+        .collect();
+    let Some(last) = there().next_back() else {
+        return first;
+    };
+    let at = |k: usize| match first.get(k) {
+        Some(visit) => &visit.approach.joints,
+        None if k == first.len() => &plan.home.joints,
+        None => &last.approach.joints,
+    };
+    let order = one_way(first.len(), |a, b| motion_s(at(a), at(b)));
+    order.into_iter().filter_map(|k| first.get(k).copied()).collect()
 }
 
 /// Moves every approach waypoint by up to `error_m` along each axis of F0, as quick hand-guiding

@@ -1,13 +1,11 @@
 //! What a plan is, as plain serialisable data.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
 use super::cell::Obstacles;
-use super::order::one_way;
 use super::path::Obstacle;
-use super::times::motion_s;
 
 /// A configuration in free space.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -137,26 +135,6 @@ impl Plan {
     /// Whether the plate is moved during the plan.
     pub fn several_places(&self) -> bool {
         self.spheres.iter().any(|visit| visit.place != 0)
-    }
-
-    /// The first visit that `counts` to each sphere of a placement, in the order of least travel from the last visit there to
-    /// home: after all poses, each sphere is coupled once more.
-    pub fn second_visits(&self, place: u32, counts: impl Fn(&Visit) -> bool) -> Vec<&Visit> {
-        let there = || self.spheres.iter().filter(|visit| visit.place == place);
-        let mut seen = BTreeSet::new();
-        let first: Vec<&Visit> = there()
-            .filter(|visit| counts(visit) && seen.insert(visit.sphere_id))
-            .collect();
-        let Some(last) = there().next_back() else {
-            return first;
-        };
-        let at = |k: usize| match first.get(k) {
-            Some(visit) => &visit.approach.joints,
-            None if k == first.len() => &self.home.joints,
-            None => &last.approach.joints,
-        };
-        let order = one_way(first.len(), |a, b| motion_s(at(a), at(b)));
-        order.into_iter().filter_map(|k| first.get(k).copied()).collect()
     }
 
     /// Poses that are recorded, over all visits.

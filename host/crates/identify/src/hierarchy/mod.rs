@@ -33,8 +33,8 @@ use self::cross::CrossEffects;
 use self::noise::{RowsNoise, Seen as SeenRows};
 use self::open::OpenSizes;
 use self::sizes::{Sizes, Strangeness};
+pub(crate) use self::start::{Before, Displacements, Ends, Scale, measured, prepare, register};
 use self::start::{check_targets, start_state};
-pub(crate) use self::start::{measured, prepare, register};
 use super::chain::{Prepared, State};
 use super::error::IdentifyError;
 use super::identifiability::{Identifiability, analyse};
@@ -128,34 +128,6 @@ impl Fit {
         let open = std::mem::take(&mut self.open);
         self.open = open.about(&self.unknowns.deviation, &self.covariance);
     }
-}
-
-/// Whether a scale may be as wrong as a mistake makes it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) enum Scale {
-    /// It is as good as its prior says, by a small factor.
-    #[default]
-    Known,
-    /// A second search tries a mistake.
-    Doubted,
-}
-
-/// Displacements (m) of targets, by the index of the observation and in the axes of its frame.
-pub(crate) type Displacements = BTreeMap<usize, Vector3<f64>>;
-
-/// Sizes, noise and the correlation of alike postures at the end of a search.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Ends(Option<(Sizes, RowsNoise, f64)>);
-
-/// What is known before a fit.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Before {
-    /// Whether a scale may be as wrong as a mistake makes it.
-    pub(crate) scale: Scale,
-    /// Displacements of the targets.
-    pub(crate) displaced: Displacements,
-    /// Where the fit of more rows of the same arm ended: from there, a part of them takes fewer rounds.
-    pub(crate) ends: Ends,
 }
 
 /// Fits `model` to the observations that `wanted` names.

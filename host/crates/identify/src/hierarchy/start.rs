@@ -1,10 +1,14 @@
 //! Observations ready to use, and the state from which a search begins.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use spherecal_model::{Experiment, Pose, Target, fit_pose};
 
 use super::FEWEST;
+use super::noise::RowsNoise;
+use super::sizes::Sizes;
 use crate::chain::{Prepared, State, trig};
 use crate::error::IdentifyError;
 use crate::load::Nominal;
@@ -12,6 +16,34 @@ use crate::options::Torque;
 use crate::parameters::{Kind, Layout, Parameter};
 use crate::seen::{RowPart, Seen};
 use crate::targets::{reference_of, target_of};
+
+/// Whether a scale may be as wrong as a mistake makes it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Scale {
+    /// It is as good as its prior says, by a small factor.
+    #[default]
+    Known,
+    /// A second search tries a mistake.
+    Doubted,
+}
+
+/// Displacements (m) of targets, by the index of the observation and in the axes of its frame.
+pub(crate) type Displacements = BTreeMap<usize, Vector3<f64>>;
+
+/// Sizes, noise and the correlation of alike postures at the end of a search.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Ends(pub(super) Option<(Sizes, RowsNoise, f64)>);
+
+/// What is known before a fit.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Before {
+    /// Whether a scale may be as wrong as a mistake makes it.
+    pub(crate) scale: Scale,
+    /// Displacements of the targets.
+    pub(crate) displaced: Displacements,
+    /// Where the fit of more rows of the same arm ended: from there, a part of them takes fewer rounds.
+    pub(crate) ends: Ends,
+}
 
 /// Whether the torques that bend the joints are those of the data, not of the inertial model.
 pub(crate) fn measured(experiment: &Experiment, nominal: &Nominal, torque: Torque) -> bool {
