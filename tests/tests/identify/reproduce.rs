@@ -23,13 +23,10 @@ fn slow_the_study_is_reproduced_on_a_synthetic_robot() {
     removed.sort();
     assert_eq!(removed, ["a6", "d6", "theta7"]);
     assert!(r.removed_with_tool.is_empty());
-    let near = done
-        .simplex
-        .zeros()
-        .iter()
-        .filter(|(_, x)| (5.4e-5..6.5e-5).contains(x))
-        .count();
-    assert!(near >= 9, "{:?}", done.simplex.zeros());
+    // A frozen simplex has moved all parameters that begin at zero alike.
+    let zeros = done.simplex.zeros();
+    let near = |(_, a): &(_, f64)| zeros.iter().filter(|(_, b)| (a / b - 1.0).abs() < 0.1).count();
+    assert!(zeros.iter().map(near).max() >= Some(9), "{zeros:?}");
     let (scaled, frozen) = (done.scaled_over_optimum, done.simplex_over_optimum);
     // On the stored world the frozen simplex is over five times off (tests/simplex.rs); here it was 2.7.
     assert!(scaled < 1.01 && frozen > 2.0, "{scaled} {frozen}");
