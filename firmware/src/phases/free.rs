@@ -197,6 +197,20 @@ mod tests {
         assert_eq!(fault.map_err(|found| found.0), Err(Fault::PathDeviation));
     }
 
+    // Fails if a motion does not slow down from the soft force on, 40 N, or before.
+    #[test]
+    fn a_force_slows_a_motion_down() {
+        let end = |force_n: f64| {
+            let mut scene = Scene::new();
+            scene.force_n = force_n;
+            let (tick, end) = run(&mut scene, 0.0, 0.0, 9_000).expect("an end");
+            end.map(|()| tick)
+        };
+        let free = end(0.0).expect("arrived");
+        assert_eq!(end(40.0), Ok(free));
+        assert_ne!(end(40.1), Ok(free));
+    }
+
     // Fails if a motion that does not reach its target names another joint than the worst, or takes a disturbance beyond
     // its bound for friction.
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! The time along a path runs at a rate between 1 and [`SLOWEST`]. Each soft limit
 //! has a *load*, which is 1 at the limit. The rate falls while any load is above 1
-//! and rises again when all are below; for a felt force alone it falls more calmly.
+//! and rises again when all are below. For a felt force it falls more calmly.
 //!
 //! A load is that of the last setpoint's speed where the phase has one for the joints. The
 //! measured speed answers to the rate as late as the arm follows: with it the rate swings, and an
@@ -17,7 +17,7 @@ use crate::safety::workspace_clearance;
 /// Largest decrease and increase of the rate, in 1/s, and its smallest value.
 const SLOWER_PER_S: f64 = 20.0;
 const FASTER_PER_S: f64 = 2.0;
-/// Largest decrease of the rate where only a force is felt, in 1/s. A faster one brakes a heavy arm so hard that its own inertia
+/// Largest decrease of the rate for a felt force, in 1/s. A faster one brakes a heavy arm so hard that its own inertia
 /// looks like a force: a UR20 swung at 10 Hz with 50 to 170 N, and never reached its targets.
 const CALMER_PER_S: f64 = 5.0;
 const SLOWEST: f64 = 0.05;
@@ -47,11 +47,11 @@ impl SpeedScaling {
     #[inline]
     pub(crate) fn step(&mut self, load: f64, felt: f64, period_s: f64) -> f64 {
         // The speed of a setpoint is proportional to the rate, so that this is the rate at the limit.
-        let wanted = self.rate / load.max(felt).max(self.rate);
-        let slower_per_s = if load > 1.0 { SLOWER_PER_S } else { CALMER_PER_S };
+        let towards = |load: f64| self.rate / load.max(self.rate) - self.rate;
         // Not `clamp`, which panics if the period is not a number.
-        let step = (wanted - self.rate)
-            .max(-slower_per_s * period_s)
+        let step = towards(load)
+            .max(-SLOWER_PER_S * period_s)
+            .min(towards(felt).max(-CALMER_PER_S * period_s))
             .min(FASTER_PER_S * period_s);
         self.rate = (self.rate + step).min(1.0).max(SLOWEST);
         self.rate
@@ -188,8 +188,8 @@ mod tests {
         assert!(load(middle, 1.0) < 0.15);
     }
 
-    // Fails if the rate changes faster than by 20/s downwards, by 5/s where only a force is felt, or by 2/s upwards, or if it
-    // is called slowest anywhere else than at its smallest value.
+    // Fails if the rate changes faster than by 20/s downwards, by 5/s for a felt force also where a load is at its limit, or by
+    // 2/s upwards, or if it is called slowest anywhere else than at its smallest value.
     #[test]
     fn the_pace_changes_within_its_rates() {
         let mut scaling = SpeedScaling::default();
@@ -197,8 +197,10 @@ mod tests {
         assert!((scaling.step(1.001, 0.0, 1e-3) - 0.98 / 1.001).abs() < 1e-12);
         let rate = scaling.rate();
         assert!((scaling.step(0.5, 0.0, 1e-3) - rate - 0.002).abs() < 1e-12);
-        let rate = scaling.rate();
-        assert!((scaling.step(0.5, 100.0, 1e-3) - rate + 0.005).abs() < 1e-12);
+        for load in [0.5, 1.000_1] {
+            let rate = scaling.rate();
+            assert!((scaling.step(load, 100.0, 1e-3) - rate + 0.005).abs() < 1e-12);
+        }
         assert!(!scaling.is_slowest());
         while scaling.step(100.0, 0.0, 1e-3) > SLOWEST {
             assert!(!scaling.is_slowest());

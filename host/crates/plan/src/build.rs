@@ -8,7 +8,7 @@ use super::grid::{Grid, GridPose};
 use super::order::{move_size, round_trip, spread};
 use super::path::Rules;
 use super::start::{PlacedCell, Start, home};
-use super::times::{robot_time, turn_s};
+use super::times::{Turns, robot_time};
 use super::types::{Plan, PlannedPose, Rejection, Visit};
 use spherecal_model::chain::{Chain, TcpPose, quaternion};
 use spherecal_shared::procedure::Procedure;
@@ -162,6 +162,7 @@ pub(super) fn sequence(
 ) -> Vec<PlannedPose> {
     let neutral = (&start.neutral, start.joints.as_slice());
     let at = |k: usize| chosen.get(k).map_or(neutral, |g| (&g.pose, g.joints.as_slice()));
+    let turns = Turns::new(&Procedure::default(), chain.limits());
     let tour = round_trip(chosen.len(), |a, b| {
         let (a, b) = (at(a), at(b));
         if rules.stray_m > 0.0 {
@@ -171,7 +172,7 @@ pub(super) fn sequence(
             let turns = a.1.iter().zip(b.1).map(|(a, b)| (a - b).abs());
             turns.fold(move_size(a.0, b.0), f64::max)
         } else {
-            turn_s(chain.limits(), a, b)
+            turns.between_s(a, b)
         }
     });
     let mut out: Vec<PlannedPose> = Vec::new();

@@ -59,10 +59,6 @@ pub(super) struct CandidateVisit {
     pub(super) start: Start,
 }
 
-/// Length of the retreat for which the arm must have room in every pose, in m: there the nest counts as free, with the default
-/// procedure. With 50 mm the predicted error is up to 4 % larger.
-pub(super) const RETREAT_M: f64 = 0.03;
-
 /// A pose that could be recorded.
 #[derive(Clone)]
 pub(super) struct Candidate {
@@ -177,7 +173,7 @@ pub(super) fn candidates(
                 let scene = scenes.get(visit.place as usize);
                 scene.is_some_and(|scene| {
                     scene.standing(&candidate.joints, Some(visit.sphere_id)).is_ok()
-                        && scene.may_leave(&candidate.joints, RETREAT_M)
+                        && scene.may_leave(&candidate.joints)
                 })
             })
             .collect()

@@ -6,7 +6,6 @@
 use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
 
-use super::candidates::RETREAT_M;
 use super::cell::{Cell, PlatePose};
 use super::path::Rules;
 use super::start::{PlacedCell, home};
@@ -75,7 +74,7 @@ fn worth(cell: &Cell, chain: &Chain, rules: &Rules, plate: &PlatePose) -> Option
                     ..start.neutral
                 };
                 let reached = rules.follow(chain, &start.neutral, &start.joints, &turned);
-                turns += usize::from(reached.is_ok_and(|q| placed.scene.may_leave(&q, RETREAT_M)));
+                turns += usize::from(reached.is_ok_and(|q| placed.scene.may_leave(&q)));
             }
         }
     }

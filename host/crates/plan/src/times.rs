@@ -59,17 +59,29 @@ pub(super) fn motion_s(a: &[f64], b: &[f64]) -> f64 {
 /// A pose about a sphere with its joint angles, in rad.
 type Posed<'a> = (&'a TcpPose, &'a [f64]);
 
-/// Time of a turn between two poses, in s.
-fn between_s(procedure: &Procedure, limits: &[JointLimits], a: Posed<'_>, b: Posed<'_>) -> f64 {
-    let slow = Limits::SLOW_TURN_SHARE * Limits::MOTION_SHARE * procedure.limits.velocity_share;
-    let swing = |((a, b), limit): ((&f64, &f64), &JointLimits)| (a - b).abs() / (slow * limit.velocity_rad_s);
-    let swings = a.1.iter().zip(b.1).zip(limits).map(swing);
-    turning_s(&procedure.turn, move_angle(a.0, b.0), swings.fold(0.0, f64::max))
+/// The times of an arm's turns about a sphere.
+#[derive(Clone)]
+pub(super) struct Turns {
+    turn: Turn,
+    /// Speeds of the joints above which a turn slows down, in rad/s.
+    slow_rad_s: Vec<f64>,
 }
 
-/// Time of a turn between two poses with the default procedure, in s.
-pub(super) fn turn_s(limits: &[JointLimits], a: Posed<'_>, b: Posed<'_>) -> f64 {
-    between_s(&Procedure::default(), limits, a, b)
+impl Turns {
+    pub(super) fn new(procedure: &Procedure, limits: &[JointLimits]) -> Self {
+        let share = Limits::SLOW_TURN_SHARE * Limits::MOTION_SHARE * procedure.limits.velocity_share;
+        Self {
+            turn: procedure.turn,
+            slow_rad_s: limits.iter().map(|limit| share * limit.velocity_rad_s).collect(),
+        }
+    }
+
+    /// Time of a turn between two poses, in s.
+    pub(super) fn between_s(&self, a: Posed<'_>, b: Posed<'_>) -> f64 {
+        let swing = |((a, b), slow): ((&f64, &f64), &f64)| (a - b).abs() / slow;
+        let swings = a.1.iter().zip(b.1).zip(&self.slow_rad_s).map(swing);
+        turning_s(&self.turn, move_angle(a.0, b.0), swings.fold(0.0, f64::max))
+    }
 }
 
 /// Time of a recording, in s, with coming to rest before it.
@@ -78,7 +90,7 @@ pub(super) fn record_s(procedure: &Procedure) -> f64 {
 }
 
 /// Predicted time of turning through the poses of a visit and recording, in s.
-fn poses_s(procedure: &Procedure, limits: &[JointLimits], visit: &Visit) -> f64 {
+fn poses_s(procedure: &Procedure, turns: &Turns, visit: &Visit) -> f64 {
     let record_s = record_s(procedure);
     let mut here = TcpPose {
         position: visit.position_m.into(),
@@ -93,7 +105,7 @@ fn poses_s(procedure: &Procedure, limits: &[JointLimits], visit: &Visit) -> f64 
             rotation: rotation_of(&pose.orientation),
             elbow: pose.elbow_rad,
         };
-        time += between_s(procedure, limits, (&here, joints), (&next, &pose.joints));
+        time += turns.between_s((&here, joints), (&next, &pose.joints));
         time += if pose.via { PASS_S } else { record_s };
         here = next;
         joints = &pose.joints;
@@ -101,9 +113,9 @@ fn poses_s(procedure: &Procedure, limits: &[JointLimits], visit: &Visit) -> f64 
     time
 }
 
-/// Predicted time of a whole plan without a fault, in s: travelling, coupling, turning, recording, and, where
-/// `second_visits` asks for it, coupling every sphere once more.
-pub fn robot_time(plan: &Plan, robot: &Robot, procedure: &Procedure, second_visits: bool) -> f64 {
+/// Predicted time of a whole plan without a fault, in s: travelling, coupling, turning, recording, and, where asked for
+/// (`couple_again`), coupling every sphere once more.
+pub fn robot_time(plan: &Plan, robot: &Robot, procedure: &Procedure, couple_again: bool) -> f64 {
     let home = plan.home.joints.as_slice();
     let approach = &procedure.approach;
     // The spring that pulls the arm on grows until the force of contact is there.
@@ -111,6 +123,7 @@ pub fn robot_time(plan: &Plan, robot: &Robot, procedure: &Procedure, second_visi
     let visit_s = VISIT_S + contact_s + approach.tare_s + procedure.couple.hold_s + procedure.seating.test_s;
     let travel_s = |a: &[f64], b: &[f64]| moving_s(&procedure.motion, a, b) + REST_S;
     let limits: Vec<JointLimits> = robot.joints.iter().map(|joint| joint.limits).collect();
+    let turns = Turns::new(procedure, &limits);
     let mut here = home;
     let mut time = 0.0;
     for (number, visit) in plan.spheres.iter().enumerate() {
@@ -118,14 +131,14 @@ pub fn robot_time(plan: &Plan, robot: &Robot, procedure: &Procedure, second_visi
             time += travel_s(here, home);
             here = home;
         }
-        time += travel_s(here, &visit.approach.joints) + visit_s + poses_s(procedure, &limits, visit);
+        time += travel_s(here, &visit.approach.joints) + visit_s + poses_s(procedure, &turns, visit);
         here = &visit.approach.joints;
         let is_last = plan
             .spheres
             .get(number + 1)
             .is_none_or(|next| next.place != visit.place);
-        if second_visits && is_last {
-            for again in self::second_visits(plan, visit.place, |_| true) {
+        if couple_again && is_last {
+            for again in second_visits(plan, visit.place, |_| true) {
                 time += travel_s(here, &again.approach.joints) + visit_s;
                 here = &again.approach.joints;
             }

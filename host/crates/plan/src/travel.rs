@@ -4,17 +4,18 @@ use super::candidates::{Candidate, CandidateVisit};
 use super::cell::Cell;
 use super::order::round_trip;
 use super::scene::Scene;
-use super::times::{motion_s, record_s, turn_s};
+use super::times::{Turns, motion_s, record_s};
 use super::types::Waypoint;
 use spherecal_model::chain::Chain;
 use spherecal_shared::procedure::Procedure;
-use spherecal_shared::robot::JointLimits;
 
 /// Travel cost of a candidate: the turn from the nearest chosen pose of its visit, or from the
 /// start of the visit.
 #[derive(Clone)]
 pub(super) struct Travel<'a> {
-    limits: &'a [JointLimits],
+    turns: Turns,
+    /// Time of a recording, in s.
+    record_s: f64,
     candidates: &'a [Candidate],
     visits: &'a [CandidateVisit],
     /// Time from the nearest chosen pose, in s, by candidate.
@@ -24,8 +25,10 @@ pub(super) struct Travel<'a> {
 impl<'a> Travel<'a> {
     /// Nothing chosen.
     pub(super) fn new(chain: &'a Chain, candidates: &'a [Candidate], visits: &'a [CandidateVisit]) -> Self {
+        let procedure = Procedure::default();
         let mut travel = Self {
-            limits: chain.limits(),
+            turns: Turns::new(&procedure, chain.limits()),
+            record_s: record_s(&procedure),
             candidates,
             visits,
             reach_s: Vec::new(),
@@ -37,14 +40,15 @@ impl<'a> Travel<'a> {
     /// Time from where the visit begins, in s.
     fn start_s(&self, c: &Candidate) -> f64 {
         let start = &self.visits[c.visit].start;
-        turn_s(self.limits, (&start.neutral, &start.joints), (&c.pose, &c.joints))
+        self.turns
+            .between_s((&start.neutral, &start.joints), (&c.pose, &c.joints))
     }
 
     pub(super) fn add(&mut self, chosen: usize) {
         let new = &self.candidates[chosen];
         for (reach, c) in self.reach_s.iter_mut().zip(self.candidates) {
             if c.visit == new.visit {
-                *reach = reach.min(between_s(self.limits, new, c));
+                *reach = reach.min(between_s(&self.turns, new, c));
             }
         }
     }
@@ -61,7 +65,7 @@ impl<'a> Travel<'a> {
             let c = &self.candidates[k];
             if c.visit == visit {
                 let start = self.start_s(c);
-                let nearest = here.iter().map(|other| between_s(self.limits, other, c));
+                let nearest = here.iter().map(|other| between_s(&self.turns, other, c));
                 self.reach_s[k] = nearest.fold(start, f64::min);
             }
         }
@@ -70,14 +74,14 @@ impl<'a> Travel<'a> {
     /// Share of a candidate's gain that counts: gain per second, relative to a pose without travel.
     /// The larger `patience`, the smaller the discount.
     pub(super) fn share(&self, candidate: usize, patience: f64) -> f64 {
-        let record_s = patience * record_s(&Procedure::default());
+        let record_s = patience * self.record_s;
         record_s / (record_s + self.reach_s[candidate])
     }
 }
 
 /// Time of the turn between two candidates of a visit, in s.
-fn between_s(limits: &[JointLimits], a: &Candidate, b: &Candidate) -> f64 {
-    turn_s(limits, (&a.pose, &a.joints), (&b.pose, &b.joints))
+fn between_s(turns: &Turns, a: &Candidate, b: &Candidate) -> f64 {
+    turns.between_s((&a.pose, &a.joints), (&b.pose, &b.joints))
 }
 
 /// The order of visits with the least travel, from home and back, and for each visit whether its
