@@ -321,7 +321,31 @@ pub(crate) fn penalised(sum: f64, count: f64, middle: f64, spread: f64, start: f
 
 #[cfg(test)]
 mod tests {
-    use super::penalised;
+    use super::*;
+
+    // Fails if steps of which each is the same share of the last do not end where their sum does, or if a step that does not
+    // follow from the last one, or has none before it, is another than itself.
+    #[test]
+    fn steps_of_a_constant_share_end_at_their_sum() {
+        let mut size = Size {
+            family: Family::Lengths,
+            members: Vec::new(),
+            ordinary: 1.0,
+            spread: 1.0,
+            now: 1.0,
+            mean: 0.0,
+            last: 0.0,
+            weights: Vec::new(),
+        };
+        // 0.08 and 0.06 are the first of steps whose sum is 0.32.
+        assert_eq!(size.ahead(0.08), 0.08);
+        assert!((size.ahead(0.06) - 0.24).abs() < 1e-12);
+        for step in [0.06, -0.04, 0.03, 0.03, 0.001] {
+            assert_eq!(size.ahead(step), step);
+        }
+        assert_eq!(size.ahead(1.0), 1.0);
+        assert_eq!(size.ahead(0.8), NEWTON.1);
+    }
 
     // Fails if a size is not the root mean square of many members, if one of no data leaves its hyperprior's
     // median, or if few members move it as far as many.

@@ -182,3 +182,7 @@ pub(super) fn start_state(
     state.place_targets(prepared);
     state
 }
+
+#[cfg(test)]
+#[path = "start_tests.rs"]
+mod tests;
