@@ -76,6 +76,7 @@ fn slow_a_board_on_a_serial_line_records_what_the_lock_step_does() {
     assert_eq!(recorded.len(), expected.len());
     for (a, b) in recorded.iter().zip(&expected) {
         for (a, b) in a.q.iter().zip(&b.q) {
+            // Equal in ten runs, also beside six busy processes; 2e-4 rad apart in one, in which the host's command came late.
             assert!((a.mean - b.mean).abs() < 5e-4, "{} and {} rad", a.mean, b.mean);
         }
     }

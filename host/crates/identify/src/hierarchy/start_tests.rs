@@ -57,7 +57,7 @@ fn a_search_ends_where_it_does_from_anywhere() {
     let experiment = experiment();
     let options = Options::default();
     let found = |before: &Before, every: usize| {
-        let wanted = |i: usize| every == 0 || i % every != 0;
+        let wanted = |i: usize| every == 0 || !i.is_multiple_of(every);
         fit(&experiment, &options, Model::Full, before, wanted).expect("good data")
     };
     let whole = found(&Before::default(), 0);
