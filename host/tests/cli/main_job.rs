@@ -343,20 +343,30 @@ fn long_a_second_tells_what_a_long_hold_does() {
 // validation trusts: with fewer than 99 % of the poses within reach recorded, or
 // with residuals that do not look like joint noise and seating. Poses
 // near the stretched arm and the joints' limits fault on some arms and have to be
-// recovered from; this one is left standing in the margin of joint 6 once, from
-// which every way off the sphere leads a hair farther into it.
+// recovered from; the iiwa 7 is left standing in the margin of joint 6 once, from
+// which every way off the sphere leads a hair farther into it. The rows of the FR3 correlate: compared by other shares, a
+// certificate that is wrong by 1.8 parts per thousand has more evidence, and the arm 0.58 mm in place of 0.24.
 #[test]
-#[ignore = "long: 1,843 poses"]
+#[ignore = "long: 3,300 poses"]
 fn long_the_papers_grid_is_recorded() {
+    for (robot, preset, seed, within_reach) in [("iiwa7", "typical", "3", 1_800), ("fr3", "harsh", "1", 1_500)] {
+        the_papers_grid(robot, preset, seed, within_reach);
+    }
+}
+
+/// Records the paper's grid with a robot, of which more poses than this are within reach.
+fn the_papers_grid(robot: &str, preset: &str, seed: &str, within_reach: u64) {
     let folder = tempfile::tempdir().expect("a folder");
     let output = spherecal(
         folder.path(),
-        &["run", "--preset", "typical", "--paper", "--seed", "3", "--json"],
+        &[
+            "run", "--robot", robot, "--preset", preset, "--paper", "--seed", seed, "--json",
+        ],
     );
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let summary: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
     let count = |what: &str| summary["poses"][what].as_u64().expect("a count");
-    assert!(count("chosen") > 1_800, "{}", count("chosen"));
+    assert!(count("chosen") > within_reach, "{}", count("chosen"));
     assert!(100 * count("recorded") >= 99 * count("chosen"), "{}", summary["poses"]);
     let rms_mm = summary["residual"]["rms_mm"].as_f64().expect("rms_mm");
     assert!((0.015..0.1).contains(&rms_mm), "{rms_mm} mm");

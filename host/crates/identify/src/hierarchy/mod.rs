@@ -194,7 +194,7 @@ pub(crate) fn fit(
         Scale::Known => (found, before.scale),
         Scale::Doubted => found.or_with_a_wrong_scale(),
     };
-    let log_evidence = found.log_evidence();
+    let log_evidence = found.log_evidence(&found.search.alike.share);
     let Found { search, posterior, .. } = found;
     let mut covariance = posterior.covariance();
     let Search {
@@ -268,8 +268,9 @@ struct Found<'a> {
 }
 
 impl Found<'_> {
-    /// Log evidence (Laplace) at the estimated noise, up to a constant of the data.
-    fn log_evidence(&self) -> f64 {
+    /// Log evidence (Laplace) at the estimated noise, up to a constant of the data and of what each row counts. A row is worth some
+    /// 30: two searches compare only with the same shares.
+    fn log_evidence(&self, shares: &[f64]) -> f64 {
         let Search {
             state,
             layout,
@@ -277,11 +278,9 @@ impl Found<'_> {
             noise,
             unknowns,
             sizes,
-            alike,
             ..
         } = &self.search;
         let d2 = distances(state, layout, prepared, &noise.whitening);
-        let shares = &alike.share;
         let rows: f64 = d2
             .iter()
             .zip(shares)

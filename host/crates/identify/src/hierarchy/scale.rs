@@ -18,13 +18,14 @@ impl Found<'_> {
         if self.median_m() > HOPELESS || !search.sizes.set(Family::Scale, WRONG_SCALE) {
             return (self, Scale::Known);
         }
+        let shares = &self.search.alike.share;
         // An arm that shrinks with its targets makes the noise of its joints small, and is no explanation; on the way there and
         // back the search never settles.
         let fits = |wide: &Found<'_>| {
             wide.settled
                 && wide.scale().abs() < LARGEST_SCALE
                 && wide.median_m() <= SCALE_RESIDUAL * self.median_m()
-                && wide.log_evidence() > self.log_evidence() + SCALE_EVIDENCE
+                && wide.log_evidence(shares) > self.log_evidence(shares) + SCALE_EVIDENCE
         };
         match search.run().ok().filter(fits) {
             Some(wide) => (wide, Scale::Doubted),
