@@ -11,6 +11,7 @@ use super::{Activity, CartesianState, Env, Next, PATIENT_SHARE, STILL_S};
 use crate::Report;
 use crate::law::NullSpace;
 use crate::motion::TurnMove;
+use crate::safety::energy_share;
 
 /// Motion of the null space during a turn.
 #[derive(Clone, Copy, Debug)]
@@ -89,13 +90,16 @@ impl<const N: usize> Turning<N> {
     }
 
     /// Advances along the path by one tick, more slowly the faster a joint is. Near
-    /// a singularity a joint moves fast although the tool turns slowly.
+    /// a singularity a joint moves fast although the tool turns slowly. A heavy arm has much
+    /// kinetic energy before any joint is fast (a UR30 with its tool 5 J).
     fn advance(&mut self, env: &Env<'_, N>) {
         let mut share = 0.0f64;
         for (dq, limit) in env.snapshot.dq.iter().zip(env.speeds) {
             share = share.max(dq.abs() / limit);
         }
-        let load = (share / Limits::SLOW_TURN_SHARE).max(joint_load(env, &env.snapshot.dq));
+        let load = (share / Limits::SLOW_TURN_SHARE)
+            .max(energy_share(env.snapshot) / Limits::MOTION_SHARE)
+            .max(joint_load(env, &env.snapshot.dq));
         self.along_s += self.scaling.step(load, 0.0, env.period_s) * env.period_s;
     }
 
@@ -257,6 +261,34 @@ mod tests {
         ] {
             assert!((turn.0 - reported).abs() < 1e-9 && turn.1 == limit, "{turn:?}");
         }
+    }
+
+    // Fails if an arm with much kinetic energy goes on at its full speed, or if one with little slows down.
+    #[test]
+    fn a_heavy_arm_turns_more_slowly() {
+        let rate = |tool_kg: f64| {
+            let mut tool = iiwa7_tool();
+            tool.body.mass_kg = tool_kg;
+            let arm = Arm::new(&iiwa7(), &tool).expect("the built-in robot with a tool");
+            let mut scene = Scene::new();
+            let dq = [0.5, 0.5, 0.0, -0.5, 0.0, 0.0, 0.0];
+            scene.snapshot = Snapshot::new(&arm, &HOME, &dq).expect("a mass matrix");
+            let mut cartesian = scene.engaged(-Vector3::z());
+            let pose = PoseTarget {
+                id: 1,
+                rotation: rotation_about(&Vector3::z(), 0.5) * scene.snapshot.tcp.rotation,
+                elbow: None,
+                posture: None,
+                record: true,
+            };
+            let mut phase = Turning::new(pose, &scene.env(), &mut cartesian);
+            for _ in 0..100 {
+                phase.advance(&scene.env());
+            }
+            phase.scaling.rate()
+        };
+        assert_eq!(rate(1.5), 1.0);
+        assert!(rate(60.0) < 0.9, "{}", rate(60.0));
     }
 
     // Fails if an arm whose springs a late drive makes soft is recorded before it has had half of its time, or

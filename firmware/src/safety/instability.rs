@@ -17,6 +17,7 @@
 use nalgebra::SVector;
 use spherecal_shared::protocol::host::Fault;
 use spherecal_shared::robot::JointLimits;
+use spherecal_shared::scalar::sqrt;
 
 use super::violation::Violation;
 use crate::law::Snapshot;
@@ -50,6 +51,18 @@ const RUNAWAY_TICKS: u32 = 2;
 const ENERGY_J: f64 = 5.0;
 /// Time for which the energy may exceed its limit, in s.
 const ENERGY_DWELL_S: f64 = 0.0025;
+
+/// Kinetic energy of an arm with the joint speeds `dq` (rad/s), in J.
+#[inline]
+fn kinetic_energy<const N: usize>(snapshot: &Snapshot<N>, dq: &SVector<f64, N>) -> f64 {
+    0.5 * snapshot.mass.multiply(dq).dot(dq)
+}
+
+/// Share of the joint speeds at which a motion has too much kinetic energy.
+#[inline]
+pub(crate) fn energy_share<const N: usize>(snapshot: &Snapshot<N>) -> f64 {
+    sqrt(kinetic_energy(snapshot, &SVector::from(snapshot.dq)) / ENERGY_J)
+}
 
 /// The swings of one joint.
 #[derive(Clone, Copy, Debug, Default)]
@@ -167,7 +180,7 @@ impl<const N: usize> Instability<N> {
                 limit,
             });
         }
-        let energy = 0.5 * snapshot.mass.multiply(&excess).dot(&excess);
+        let energy = kinetic_energy(snapshot, &excess);
         self.energy_ticks = if energy > ENERGY_J {
             self.energy_ticks.saturating_add(1)
         } else {

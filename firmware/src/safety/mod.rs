@@ -24,7 +24,7 @@ use crate::law::Shaped;
 pub(crate) use answer::AnswerWatch;
 use envelope::Envelope;
 pub(crate) use envelope::workspace_clearance;
-pub(crate) use instability::Instability;
+pub(crate) use instability::{Instability, energy_share};
 use plausibility::{Plausibility, plausible};
 pub(crate) use pressing::{Pressing, Touch};
 pub(crate) use violation::{JointState, Violation};
