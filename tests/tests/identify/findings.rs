@@ -226,11 +226,12 @@ fn named(kind: Kind, made: Made, check: &str, seeds: std::ops::Range<u64>) -> us
 
 // Fails if a load of 1.5 kg is judged with the compliance that was estimated without it: on this arm nothing is named then.
 // Fails, too, if its size is wrong, or if a load is named that is as stated: on the robot of W5, 30 kg were without a prior.
+// Contacts tell too little of a load for one robot to be a test: see the study.
 #[test]
 #[ignore = "long: scripts/test --long runs it"]
 fn long_a_load_is_told_from_the_joints_compliance() {
     let load = |world, made, seed| {
-        let verdict = judged(world, Kind::Contacts, made, seed);
+        let verdict = judged(world, Kind::Points, made, seed);
         verdict
             .checks
             .into_iter()

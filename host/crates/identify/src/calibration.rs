@@ -182,8 +182,8 @@ impl Calibration {
     }
 
     /// Covariance of the TCP predicted by [`Self::tcp_world_m`], in m², axes of
-    /// the first reference frame: all parameters with their correlations, and
-    /// the joint noise of a single pose.
+    /// the first reference frame: all parameters with their correlations, what the sizes of their
+    /// groups leave open, and the joint noise of a single pose. Errors outside of the model are not in it.
     pub fn tcp_covariance(&self, q: &[f64]) -> Matrix3<f64> {
         self.covariance_of(q, true)
     }
@@ -220,6 +220,10 @@ impl Calibration {
         for column in joints {
             covariance += column * column.transpose() * inner.joint_variance;
         }
+        covariance += self
+            .open
+            .covariance(&picked.rows(0, free).into_owned())
+            .fixed_view::<3, 3>(0, 0);
         covariance
     }
 

@@ -87,6 +87,12 @@ impl OpenSizes {
         }
     }
 
+    /// Covariance of a displacement by what the estimate shifts with the sizes: `columns` are its own of the free unknowns (m x 3).
+    pub(crate) fn covariance(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
+        let moved = columns.tr_mul(&self.shifts) * &self.root;
+        &moved * moved.transpose()
+    }
+
     /// One draw of the logarithms of the sizes about their estimates.
     pub(crate) fn draw(&self, random: &mut ChaCha8Rng) -> DVector<f64> {
         let white = DVector::from_fn(self.root.ncols(), |_, _| StandardNormal.sample(random));
