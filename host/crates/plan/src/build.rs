@@ -6,7 +6,8 @@ use super::cell::Cell;
 use super::error::PlanError;
 use super::grid::{Grid, GridPose};
 use super::order::{move_size, round_trip, spread};
-use super::path::Rules;
+use super::path::{Rules, between};
+use super::scene::Scene;
 use super::start::{PlacedCell, Start, home};
 use super::times::{Turns, robot_time};
 use super::types::{Plan, PlannedPose, Rejection, Visit};
@@ -123,7 +124,7 @@ pub fn plan(cell: &Cell, request: &PlanRequest) -> Result<Plan, PlanError> {
                     keep.into_iter().filter_map(|k| good.get(k).cloned()).collect()
                 }
             };
-            let poses = sequence(&chain, &request.rules, &start, &chosen, first_id);
+            let poses = sequence(&chain, &request.rules, None, &start, &chosen, first_id);
             plan.spheres.push(Visit {
                 sphere_id: sphere.id,
                 place,
@@ -149,13 +150,38 @@ fn posed(id: u32, via: bool, pose: &TcpPose, joints: Vec<f64>) -> PlannedPose {
     }
 }
 
-/// Orders the poses and makes every move between them continuous. If the direct move is not, it
-/// goes through poses on the two paths to neutral, which are known to be continuous. After the last
+/// Places along a turn at which the arm must be able to leave, as shares of the turn.
+const LEAVES_AT: [f64; 3] = [0.25, 0.5, 0.75];
+
+/// Whether the arm turns from one pose, with its joint angles, to another without a jump, and could leave on the way: a turn may
+/// stop anywhere. Between two poses of an FR3 that it could leave the arm was almost stretched, lost its nest, and pulled at it with
+/// 45 N. The paper's grid, whose turns are small, was not chosen by that.
+fn turns_to(
+    chain: &Chain,
+    rules: &Rules,
+    scene: Option<&Scene>,
+    from: (&TcpPose, &[f64]),
+    to: (&TcpPose, &[f64]),
+) -> bool {
+    let end = rules.follow(chain, from.0, from.1, to.0);
+    let continuous = end.is_ok_and(|q| q.iter().zip(to.1).all(|(a, b)| (a - b).abs() < 1e-6));
+    let leaves = |scene: &Scene| {
+        LEAVES_AT.iter().all(|share| {
+            let q = rules.follow(chain, from.0, from.1, &between(from.0, to.0, *share));
+            q.is_ok_and(|q| scene.may_leave(&q))
+        })
+    };
+    continuous && scene.is_none_or(leaves)
+}
+
+/// Orders the poses and makes every move between them continuous, with a way off the sphere on it if there is a scene. If the
+/// direct move is not, it goes through the neutral pose. After the last
 /// pose comes the neutral one, in which the nest leaves the sphere in the orientation of the
 /// approach. Vias have ids from 1,000,000 on.
 pub(super) fn sequence(
     chain: &Chain,
     rules: &Rules,
+    scene: Option<&Scene>,
     start: &Start,
     chosen: &[GridPose],
     first_id: u32,
@@ -179,9 +205,7 @@ pub(super) fn sequence(
     let mut here = (start.neutral, start.joints.clone());
     let mut vias = 0;
     for next in tour.into_iter().filter_map(|k| chosen.get(k)) {
-        let direct = rules.follow(chain, &here.0, &here.1, &next.pose);
-        let continuous = direct.is_ok_and(|q| q.iter().zip(&next.joints).all(|(a, b)| (a - b).abs() < 1e-6));
-        if !continuous {
+        if !turns_to(chain, rules, scene, (&here.0, &here.1), (&next.pose, &next.joints)) {
             let via = posed(
                 1_000_000 + 2 * first_id + vias,
                 true,
@@ -194,9 +218,7 @@ pub(super) fn sequence(
         out.push(posed(first_id + next.index, false, &next.pose, next.joints.clone()));
         here = (next.pose, next.joints.clone());
     }
-    let back = rules.follow(chain, &here.0, &here.1, &start.neutral);
-    let returns = back.is_ok_and(|q| q.iter().zip(&start.joints).all(|(a, b)| (a - b).abs() < 1e-6));
-    if returns && !out.is_empty() {
+    if !out.is_empty() && turns_to(chain, rules, None, (&here.0, &here.1), neutral) {
         out.push(posed(
             1_000_000 + 2 * first_id + vias,
             true,

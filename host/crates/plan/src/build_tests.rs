@@ -1,9 +1,10 @@
 use nalgebra::Vector3;
+use spherecal_model::chain::rotation_of;
 use spherecal_shared::robot::iiwa7_tool;
 
 use super::*;
 use crate::test_support::assert_continuous;
-use crate::{Obstacle, PlatePose, teach};
+use crate::{DesignRequest, Obstacle, PlatePose, design, teach};
 
 // The reference worlds were made on this grid: 1,843 of 1,875 poses, by sphere 613, 615 and 615,
 // with 2 degrees to the limits and no rule about singularities. Fails if the grid, its axes, the
@@ -207,5 +208,30 @@ fn teaching_moves_waypoints_by_up_to_ten_millimetres() {
         assert!(shift.amax() <= 0.010 && shift.norm() > 1e-6);
         let reached = chain.pose(&after.approach.joints);
         assert!((reached.position - Vector3::from(after.approach.position_m)).norm() < 1e-10);
+    }
+}
+
+// Fails if an arm turns from pose to pose through a posture from which it cannot bring its nest off: both arms have poses that it
+// may leave, with such a posture between them.
+#[test]
+fn a_turn_may_be_left_on_its_way() {
+    for robot in ["iiwa7", "ur5e"] {
+        let mut cell = Cell::iiwa7();
+        cell.robot = spherecal_shared::robot::built_in(robot).expect("a robot");
+        let chain = Chain::new(&cell.robot, &cell.tool).expect("an arm");
+        let scene = Scene::planned(&cell, &chain, &cell.plates[0]);
+        let plan = design(&cell, &DesignRequest::new(30)).expect("a plan");
+        for visit in &plan.spheres {
+            let at = |pose: &PlannedPose| TcpPose {
+                position: visit.position_m.into(),
+                rotation: rotation_of(&pose.orientation),
+                elbow: pose.elbow_rad,
+            };
+            for turn in visit.poses.windows(2).filter(|turn| turn.iter().all(|pose| !pose.via)) {
+                let middle = between(&at(&turn[0]), &at(&turn[1]), 0.5);
+                let q = chain.follow(&middle, &turn[0].joints).expect("within reach");
+                assert!(scene.may_leave(&q), "{robot}: {q:?}");
+            }
+        }
     }
 }

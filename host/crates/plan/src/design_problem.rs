@@ -12,6 +12,7 @@ use super::design_request::DesignRequest;
 use super::error::PlanError;
 use super::grid::GridPose;
 use super::optimal::Design;
+use super::scene::Scene;
 use super::selection::SelectionProblem;
 use super::start::home;
 use super::times::robot_time;
@@ -155,7 +156,16 @@ impl DesignProblem {
                     joints: c.joints.clone(),
                 })
                 .collect();
-            let sequence = sequence(&self.chain, &request.rules, &visit.start, &poses, first_id);
+            let plate = cell.plates.get(visit.place as usize);
+            let scene = plate.map(|plate| Scene::planned(cell, &self.chain, plate));
+            let sequence = sequence(
+                &self.chain,
+                &request.rules,
+                scene.as_ref(),
+                &visit.start,
+                &poses,
+                first_id,
+            );
             first_id += poses.len() as u32;
             plan.spheres.push(Visit {
                 sphere_id: visit.sphere_id,

@@ -77,7 +77,8 @@ pub(crate) struct Fit {
     pub(crate) left: BTreeMap<usize, Vector3<f64>>,
     /// How well the sizes of the groups are known.
     pub(crate) open: OpenSizes,
-    /// Log evidence (Laplace) at the estimated noise, up to a constant of the data.
+    /// Log evidence (Laplace) at the estimated noise, up to a constant of the data. Each row counts as one, so that fits of the
+    /// same rows compare.
     pub(crate) log_evidence: f64,
     /// Degrees of freedom of Student's t; 0 for normal noise.
     pub(crate) nu: f64,
@@ -194,7 +195,7 @@ pub(crate) fn fit(
         Scale::Known => (found, before.scale),
         Scale::Doubted => found.or_with_a_wrong_scale(),
     };
-    let log_evidence = found.log_evidence(&found.search.alike.share);
+    let log_evidence = found.log_evidence(&vec![1.0; prepared.len()]);
     let Found { search, posterior, .. } = found;
     let mut covariance = posterior.covariance();
     let Search {
