@@ -123,8 +123,10 @@ fn long_poses_are_filled_in_and_identified() {
     let output = spherecal(folder, &identify);
     assert!(matches!(output.status.code(), Some(0 | 3)), "{}", text(&output.stderr));
     assert!(folder.join("identified/calibrated.toml").exists());
-    let report = std::fs::read_to_string(folder.join("identified/report.html")).expect("a report");
-    assert!(report.contains("PC-7") && report.contains("FR3-0042"));
+    let drafted = spherecal(folder, &["certificate", "identified", "--draft"]);
+    assert!(drafted.status.success(), "{}", text(&drafted.stderr));
+    let draft = std::fs::read_to_string(folder.join("identified/certificate-draft.html")).expect("a draft");
+    assert!(draft.contains("PC-7") && draft.contains("FR3-0042"));
 }
 
 // Fails if the columns for an instrument are not those that `identify` takes.
