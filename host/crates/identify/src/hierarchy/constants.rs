@@ -68,8 +68,12 @@ pub(crate) const LEAST_NOISE: (f64, f64) = (1e-7, 1e-6);
 
 /// Size of the scale from which a second search begins: a wrong unit, temperature or stylus of the instrument, 0.3 %.
 pub(crate) const WRONG_SCALE: f64 = 3e-3;
+/// Largest scale that is a mistake of the instrument; beyond, the search has shrunk the arm.
+pub(crate) const LARGEST_SCALE: f64 = 0.03;
 /// Logarithm of the evidence by which a wrong scale must be better: very strong (Kass and Raftery 1995).
 pub(crate) const SCALE_EVIDENCE: f64 = 5.0;
+/// Median residual with a wrong scale, as a share of that without it, up to which it explains the rows.
+pub(crate) const SCALE_RESIDUAL: f64 = 1.1;
 /// Standard deviations beyond which a scale is called wrong: by chance once in 1.7 million.
 pub(crate) const SCALE_SIGMAS: f64 = 5.0;
 
