@@ -46,7 +46,7 @@ fn close(found: &[f64; 4], stored: &[f64]) -> bool {
 }
 
 /// Fails if residuals, Jacobian or the choice of 21 parameters differ from the
-/// reference's, for contacts or for laser points.
+/// reference's, for contacts or for laser points, or if such a fit cannot state the error of a position.
 #[test]
 fn gauss_newton_and_laser_reproduce_the_stored_figures() {
     for name in WORLDS {
@@ -62,6 +62,7 @@ fn gauss_newton_and_laser_reproduce_the_stored_figures() {
             let c = identify(&spheres, &options).expect("good data");
             let stored = &world.expected["sphere_GN_pairs_norm21"];
             assert!(table_difference(&c, &stored.p) < 1e-4, "{name} {method}");
+            assert!(c.tcp_covariance(&[0.1; 7]).trace() > 0.0, "{name} {method}");
             let [v1, v2] = world.validate(|q| c.tcp_m(q, None));
             assert!(
                 close(&v1.array(), &stored.v[..4]) && close(&v2.array(), &stored.v[4..8]),

@@ -336,11 +336,11 @@ impl DistanceProblem {
             scale: crate::hierarchy::Scale::Known,
             ends: Ends::default(),
             left: std::collections::BTreeMap::new(),
+            open: OpenSizes::none(covariance.nrows()),
             covariance,
             log_evidence: f64::NAN,
             nu: 0.0,
             strangeness: Strangeness::default(),
-            open: OpenSizes::default(),
             identifiability,
         };
         finish(experiment, options, Model::Geometry, fit)

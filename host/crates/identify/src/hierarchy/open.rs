@@ -65,6 +65,14 @@ impl OpenSizes {
         }
     }
 
+    /// No sizes, of so many unknowns.
+    pub(crate) fn none(unknowns: usize) -> Self {
+        Self {
+            shifts: DMatrix::zeros(unknowns, 0),
+            ..Self::default()
+        }
+    }
+
     /// The same about another posterior with the same sizes.
     pub(super) fn about(self, deviation: &[f64], covariance: &DMatrix<f64>) -> Self {
         Self::new(self.groups, deviation, covariance)
