@@ -224,7 +224,7 @@ fn named(kind: Kind, made: Made, check: &str, seeds: std::ops::Range<u64>) -> us
         .map_or(0, |(_, count)| count)
 }
 
-// Fails if a load of 1.5 kg is judged with the compliance that was estimated without it: on this arm nothing is named then.
+// Fails if a load of 1.5 kg is judged with the compliance that was estimated without it, which hides it.
 // Fails, too, if its size is wrong, or if a load is named that is as stated: on the robot of W5, 30 kg were without a prior.
 // Contacts tell too little of a load for one robot to be a test: see the study.
 #[test]
