@@ -220,6 +220,17 @@ mod tests {
     use crate::phases::scene::Scene;
     use crate::testing::HOME;
 
+    /// The pose of a scene, turned about z by an angle (rad).
+    fn turned_by(scene: &Scene, angle: f64) -> PoseTarget<7> {
+        PoseTarget {
+            id: 1,
+            rotation: rotation_about(&Vector3::z(), angle) * scene.snapshot.tcp.rotation,
+            elbow: None,
+            posture: None,
+            record: true,
+        }
+    }
+
     /// Value and limit of the fault of a turn by `angle` (rad), and of the elbow by `elbow_by` (rad), whose
     /// arm does not move and is said to have this speed (rad/s).
     fn timeout(angle: f64, elbow_by: f64, joint_speed: f64) -> (f64, f64) {
@@ -228,11 +239,8 @@ mod tests {
         let mut cartesian = scene.engaged(-Vector3::z());
         let now = elbow(&scene.snapshot.frames).expect("an elbow");
         let pose = PoseTarget {
-            id: 1,
-            rotation: rotation_about(&Vector3::z(), angle) * scene.snapshot.tcp.rotation,
             elbow: Some(now.angle + elbow_by),
-            posture: None,
-            record: true,
+            ..turned_by(&scene, angle)
         };
         let mut phase = Turning::new(pose, &scene.env(), &mut cartesian);
         for _ in 0..20_000 {
@@ -274,13 +282,7 @@ mod tests {
             let dq = [0.5, 0.5, 0.0, -0.5, 0.0, 0.0, 0.0];
             scene.snapshot = Snapshot::new(&arm, &HOME, &dq).expect("a mass matrix");
             let mut cartesian = scene.engaged(-Vector3::z());
-            let pose = PoseTarget {
-                id: 1,
-                rotation: rotation_about(&Vector3::z(), 0.5) * scene.snapshot.tcp.rotation,
-                elbow: None,
-                posture: None,
-                record: true,
-            };
+            let pose = turned_by(&scene, 0.5);
             let mut phase = Turning::new(pose, &scene.env(), &mut cartesian);
             for _ in 0..100 {
                 phase.advance(&scene.env());
@@ -300,13 +302,7 @@ mod tests {
         let arm = Arm::new(&iiwa7(), &iiwa7_tool()).expect("the built-in robot");
         scene.snapshot = Snapshot::on(&late, &arm, &HOME, &[0.0; 7]).expect("a mass matrix");
         let mut cartesian = scene.engaged(-Vector3::z());
-        let pose = PoseTarget {
-            id: 1,
-            rotation: rotation_about(&Vector3::z(), 0.05) * scene.snapshot.tcp.rotation,
-            elbow: None,
-            posture: None,
-            record: true,
-        };
+        let pose = turned_by(&scene, 0.05);
         let mut phase = Turning::new(pose, &scene.env(), &mut cartesian);
         let end = (1..20_000).find(|_| match phase.step(&scene.env(), &mut cartesian) {
             Next::Stay => false,
@@ -328,11 +324,8 @@ mod tests {
             let mut cartesian = scene.engaged(-Vector3::z());
             let now = elbow(&scene.snapshot.frames).expect("an elbow");
             let pose = PoseTarget {
-                id: 1,
-                rotation: scene.snapshot.tcp.rotation,
                 elbow: Some(now.angle + elbow_by),
-                posture: None,
-                record: true,
+                ..turned_by(&scene, 0.0)
             };
             let mut phase = Turning::new(pose, &scene.env(), &mut cartesian);
             let half_s = phase.path.duration_s() + PATIENT_SHARE * scene.procedure.turn.settle_s;
