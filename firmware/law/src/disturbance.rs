@@ -32,6 +32,10 @@ pub(crate) fn most(limits: &JointLimits) -> f64 {
     (limits.torque_nm * MOST_SHARE).max(MOST_NM[0]).min(MOST_NM[1])
 }
 
+/// Time constant with which a hold forgets what a motion has learned, in s: a light wrist that loses the torque of its
+/// cable at once jumps by its deflection.
+const FORGET_S: f64 = 0.1;
+
 /// What of a torque (N m) that the sensors show is no error of theirs, in N m.
 #[inline]
 pub fn beyond_sensors<const N: usize>(torque: &SVector<f64, N>, limits: &[JointLimits; N]) -> SVector<f64, N> {
@@ -48,6 +52,8 @@ pub struct Disturbance<const N: usize> {
     torque: Option<SVector<f64, N>>,
     /// The same when the arm last stood in free space.
     rest: SVector<f64, N>,
+    /// What a motion had added and a hold still forgets, in N m.
+    fading: SVector<f64, N>,
     /// A joint whose disturbance is beyond its bound.
     excess: Option<Excess>,
     /// Whether it is known that the nest is on no sphere.
@@ -70,6 +76,7 @@ impl<const N: usize> Default for Disturbance<N> {
         Self {
             torque: None,
             rest: SVector::zeros(),
+            fading: SVector::zeros(),
             excess: None,
             free: false,
         }
@@ -103,6 +110,7 @@ impl<const N: usize> Disturbance<N> {
     pub fn set(&mut self, torque: &SVector<f64, N>, limits: &[JointLimits; N]) {
         self.rest = SVector::from_fn(|i, _| bounded(torque[i], most(&limits[i])).unwrap_or(0.0));
         self.torque = Some(self.rest);
+        self.fading = SVector::zeros();
     }
 
     /// Says that the nest is on no sphere: a motion or a release has ended well.
@@ -112,7 +120,17 @@ impl<const N: usize> Disturbance<N> {
 
     /// The torque that the law adds, in N m.
     pub fn torque(&self) -> SVector<f64, N> {
+        self.learned() + self.fading
+    }
+
+    fn learned(&self) -> SVector<f64, N> {
         self.torque.unwrap_or(self.rest)
+    }
+
+    /// Forgets for one tick of `period_s` (s), in whatever phase.
+    #[inline]
+    pub fn fade(&mut self, period_s: f64) {
+        self.fading *= 1.0 - (period_s / FORGET_S).min(1.0);
     }
 
     /// Takes one tick of `period_s` (s) in free space: the joint spring, the speeds of its setpoint (rad/s), and the
@@ -131,7 +149,7 @@ impl<const N: usize> Disturbance<N> {
         if stands && !self.free {
             return;
         }
-        let mut torque = self.torque();
+        let mut torque = self.learned();
         for i in 0..N {
             let near = NEAR_RAD[usize::from(speeds[i] != 0.0)];
             let beyond = spring.error[i] - spring.error[i].max(-near).min(near);
@@ -158,9 +176,10 @@ impl<const N: usize> Disturbance<N> {
         self.excess
     }
 
-    /// Forgets what a motion has added since the arm last stood: it may have met something.
+    /// Begins to forget what a motion has added since the arm last stood: it may have met something.
     pub fn forget_motion(&mut self) {
-        if self.torque.is_some() {
+        if let Some(torque) = self.torque {
+            self.fading += torque - self.rest;
             self.torque = Some(self.rest);
         }
     }
@@ -236,7 +255,8 @@ mod tests {
         );
     }
 
-    // Fails if what a motion has added outlives a fault, or what the arm needed at rest does not.
+    // Fails if what a motion has added outlives a fault by more than some tenths of a second or ends at once, or if what the
+    // arm needed at rest does not stay.
     #[test]
     fn a_fault_forgets_what_the_motion_has_added() {
         let mut estimate = after(0.006, 0.0);
@@ -248,8 +268,18 @@ mod tests {
             estimate.push(&spring, &setpoint.dq, &limits(), false, 1e-3);
         }
         assert!(estimate.torque()[5] > 0.5);
+        let moved = estimate.torque();
         estimate.forget_motion();
-        assert_eq!(estimate.torque(), rest);
+        assert_eq!(estimate.torque(), moved);
+        for _ in 0..100 {
+            estimate.fade(1e-3);
+        }
+        let left = (estimate.torque() - rest)[5] / (moved - rest)[5];
+        assert!((left - 0.366).abs() < 1e-3, "{left}");
+        for _ in 0..900 {
+            estimate.fade(1e-3);
+        }
+        assert!((estimate.torque() - rest).amax() < 1e-4);
     }
 
     // Fails if a hold takes the pull of a magnet for a disturbance before the nest is known to be free, or again after the

@@ -313,6 +313,7 @@ impl<const N: usize> Controller<N> {
     /// drive adds it.
     pub(super) fn torque(&mut self, snapshot: &Snapshot<N>) -> SVector<f64, N> {
         let law = &self.procedure.law;
+        self.disturbance.fade(self.period_s);
         let mut torque = if self.activity.is_cartesian() {
             let (impedance, setpoint) = (&mut self.cartesian.impedance, &self.cartesian.setpoint);
             let force = if self.activity.is_seated() {
