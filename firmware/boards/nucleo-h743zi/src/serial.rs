@@ -83,7 +83,8 @@ mod drive_uart {
 
     /// The drive link.
     #[embassy_executor::task]
-    pub async fn drive_link((mut receiver, mut transmitter): Port) {
+    pub async fn drive_link(port: Port) {
+        let (mut receiver, mut transmitter) = port;
         join(LINKS.drive_in(&mut receiver), LINKS.drive_out(&mut transmitter)).await;
     }
 }
