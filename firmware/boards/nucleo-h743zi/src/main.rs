@@ -174,10 +174,10 @@ fn main() -> ! {
     self_test();
 
     let watchdog = IndependentWatchdog::new(p.IWDG1, WATCHDOG_US);
-    // Its driver enables the interrupt at once.
-    interrupt::ETH.set_priority(Priority::P4);
     #[cfg(not(feature = "uart-drive"))]
     let drive = {
+        // Before the driver enables the interrupt.
+        interrupt::ETH.set_priority(Priority::P4);
         let pins = ethernet::Pins {
             ref_clk: p.PA1,
             crs_dv: p.PA7,
