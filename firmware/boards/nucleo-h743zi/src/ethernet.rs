@@ -51,12 +51,19 @@ pub type Port = Ethernet<'static, ETH, PatientPhy>;
 
 /// The pins to the PHY, as the board has them.
 pub struct Pins {
+    /// The clock of 50 MHz, from the PHY.
     pub ref_clk: Peri<'static, PA1>,
+    /// The PHY receives.
     pub crs_dv: Peri<'static, PA7>,
+    /// Two bits from the PHY.
     pub rxd: (Peri<'static, PC4>, Peri<'static, PC5>),
+    /// Two bits to the PHY.
     pub txd: (Peri<'static, PG13>, Peri<'static, PB13>),
+    /// The board sends.
     pub tx_en: Peri<'static, PG11>,
+    /// Data of the management bus.
     pub mdio: Peri<'static, PA2>,
+    /// Clock of the management bus.
     pub mdc: Peri<'static, PC1>,
 }
 
