@@ -5,8 +5,9 @@
 #   scripts/cross.sh [--install] [--route rustup|debian] [--dry-run] [COMMAND]
 #
 #   check            say which route and which QEMU were found (the default)
-#   build [BOARD..]  build the images in release: mps2-an500 nucleo-h743zi; and
-#                    mps2-an386, the first one's sources for a Cortex-M4F
+#   build [BOARD..]  build the images in release: mps2-an500 nucleo-h743zi nucleo-h743zi-uart
+#                    (its drive on the UART); and mps2-an386, the first one's sources for
+#                    a Cortex-M4F
 #   stack [BOARD]    build an image that says its functions' stack sizes, for the tests
 #   prove            link the control path with a panic handler that does not exist
 #   portable         build the controller for Arm cores without a double-precision FPU,
@@ -24,7 +25,9 @@ set -eu
 target=thumbv7em-none-eabihf
 # Cortex-M4 with software floating point, and Cortex-M3.
 portable_targets="thumbv7em-none-eabi thumbv7m-none-eabi"
-boards="mps2-an500 nucleo-h743zi"
+# The NUCLEO with its drive on the UART instead of Ethernet.
+uart_board=nucleo-h743zi-uart
+boards="mps2-an500 nucleo-h743zi $uart_board"
 # The same sources for a Cortex-M4F: single-precision FPU, f64 by library.
 m4_board=mps2-an386
 root=$(cd "$(dirname "$0")/.." && pwd)
@@ -175,14 +178,19 @@ case $command in
                 [ "$dry" = yes ] || printf '%s\n' "$root/target/boards-m4/$target/release/mps2-an500"
                 continue
             fi
-            [ -d "$root/firmware/boards/$board" ] || { say "no board $board: there are $boards $m4_board"; exit 2; }
-            (cross_cargo build --release --locked --package "$board")
+            package=$board features= release=$root/target/boards/$target/release
+            [ "$board" != "$uart_board" ] || package=nucleo-h743zi features="--features uart-drive"
+            [ -d "$root/firmware/boards/$package" ] || { say "no board $board: there are $boards $m4_board"; exit 2; }
+            # shellcheck disable=SC2086 # two words, or none
+            (cross_cargo build --release --locked --package "$package" $features)
+            # Two images of one name: Cargo keeps both, and puts one there again when it is built again.
+            [ "$board" = "$package" ] || run mv "$release/$package" "$release/$board"
             [ "$dry" = yes ] && continue
             # The NUCLEO tests its flash at the start. Without Python the image says that it is not sealed.
-            if [ "$board" = nucleo-h743zi ] && command -v python3 >/dev/null; then
-                "$root/scripts/seal" "$root/target/boards/$target/release/$board"
+            if [ "$package" = nucleo-h743zi ] && command -v python3 >/dev/null; then
+                "$root/scripts/seal" "$release/$board"
             fi
-            printf '%s\n' "$root/target/boards/$target/release/$board"
+            printf '%s\n' "$release/$board"
         done
         ;;
     stack)

@@ -24,7 +24,7 @@ use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
-use spherecal_shared::protocol::drive::{DriveCommand, DriveMessage, DriveReceiver};
+use spherecal_shared::protocol::drive::{DriveCommand, DriveMessage, DriveReceiver, NO_SESSION};
 use spherecal_shared::protocol::frame::{self, LinkCounters, MAX_FRAME};
 
 use super::LinkSide;
@@ -44,6 +44,8 @@ const CHUNK: usize = 64;
 /// once every time leaves the processor to the other link tasks. The first error is one
 /// damaged byte: the next one is due in 3 µs.
 const ERROR_PAUSE: Duration = Duration::from_millis(1);
+/// How often a silent drive is asked for its hello.
+const ASK: Duration = Duration::from_millis(200);
 
 /// The queues between the control task and the link tasks.
 pub struct Links<M: RawMutex> {
@@ -134,6 +136,23 @@ impl<M: RawMutex> Links<M> {
                 sequence = sequence.wrapping_add(1);
                 self.write(writer, out.get(..length).unwrap_or_default()).await;
             }
+        }
+    }
+
+    /// Asks the drive for its hello while no frame comes from it: for a link over UDP, where a drive speaks only to a
+    /// controller that it has heard.
+    pub async fn ask_drive(&self) -> ! {
+        let mut heard = 0;
+        loop {
+            Timer::after(ASK).await;
+            let frames = self.drive.lock(Cell::get).frames;
+            if frames == heard {
+                self.command.signal(DriveCommand {
+                    session: NO_SESSION,
+                    ..DriveCommand::default()
+                });
+            }
+            heard = frames;
         }
     }
 
@@ -255,5 +274,58 @@ impl<M: RawMutex> Clock for DriveClock<'_, M> {
 
     fn device_time(&self, _tick: &Tick, drive_us: u64) -> Instant {
         Instant::from_micros(drive_us)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::pin::pin;
+    use core::task::{Context, Waker};
+
+    use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+    use spherecal_shared::protocol::drive::DriveState;
+    use spherecal_shared::protocol::frame::{Accumulator, decode};
+    use std::vec::Vec;
+
+    use super::super::uart_model::{Carrier, NOW_US, Reader, Receiver, STEP_US, Transmitter, Writer};
+    use super::*;
+
+    // Fails if a silent drive is not asked for its hello five times a second, if one that speaks is asked, or if one
+    // that falls silent again is not: it would never hear a controller whose cable was pulled at the start.
+    #[test]
+    fn a_silent_drive_is_asked() {
+        NOW_US.set(0);
+        let links = Links::<NoopRawMutex>::new();
+        let (from_drive, to_drive) = (Receiver::new(Carrier::Dma, 3_000_000), Transmitter::new(3_000_000));
+        let (mut reader, mut writer) = (Reader(from_drive.clone()), Writer(to_drive.clone()));
+        let mut read = pin!(links.drive_in(&mut reader));
+        let mut write = pin!(links.drive_out(&mut writer));
+        let mut ask = pin!(links.ask_drive());
+        let mut context = Context::from_waker(Waker::noop());
+        let mut asked = Vec::new();
+        for second in 0..3u64 {
+            for step in 0..1_000_000 / STEP_US {
+                let now_us = 1_000_000 * second + STEP_US * step;
+                NOW_US.set(now_us);
+                if second == 1 && now_us.is_multiple_of(1000) {
+                    let mut out = [0; MAX_FRAME];
+                    let length = frame::encode(&DriveState::default(), step as u32, now_us, &mut out).expect("it fits");
+                    from_drive.borrow_mut().send(now_us as f64, &out[..length]);
+                }
+                from_drive.borrow_mut().advance(now_us as f64, false);
+                let _ = read.as_mut().poll(&mut context);
+                let _ = ask.as_mut().poll(&mut context);
+                let _ = write.as_mut().poll(&mut context);
+            }
+            let (mut accumulator, mut questions) = (Accumulator::new(), 0);
+            for byte in to_drive.borrow_mut().sent.drain(..) {
+                accumulator.push(byte, &mut |frame| {
+                    let (_, command) = frame.and_then(decode::<DriveCommand>).expect("a whole frame");
+                    questions += u32::from(command.session == NO_SESSION && !command.enable);
+                });
+            }
+            asked.push(questions);
+        }
+        assert!(asked[0] >= 4 && asked[1] <= 1 && asked[2] >= 4, "{asked:?}");
     }
 }

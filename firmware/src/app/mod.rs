@@ -18,6 +18,7 @@
 #[macro_use]
 mod log;
 mod control;
+pub mod datagram;
 pub mod links;
 mod mailbox;
 pub mod ports;

@@ -30,6 +30,7 @@ fn both_routes_build_both_boards() {
             let build = format!("cargo build --release --locked --package {board}");
             assert!(text.contains(&build), "{text}");
         }
+        assert!(text.contains("--package nucleo-h743zi --features uart-drive"), "{text}");
     }
     for needed in [
         "RUSTC=/usr/bin/rustc",

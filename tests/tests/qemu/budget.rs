@@ -128,7 +128,7 @@ const NUCLEO: Board = Board {
         &["main"],
         &["UART8"],
         &["USART3"],
-        &["USART2", "DMA1_STREAM0", "DMA1_STREAM1", "DMA1_STREAM2", "DMA1_STREAM3"],
+        &["ETH", "DMA1_STREAM2", "DMA1_STREAM3"],
         &["UART7"],
         &["TIM8_BRK_TIM12"],
     ],
@@ -140,8 +140,8 @@ const NUCLEO: Board = Board {
                 "17___serve_host_task",
                 "14___host_in_task",
                 "15___host_out_task",
-                "15___drive_in_task",
-                "16___drive_out_task",
+                "17___drive_link_task",
+                "16___run_stack_task",
             ],
         ),
         ("8Executor3run", &["19___housekeeping_task"]),
@@ -152,6 +152,8 @@ const NUCLEO: Board = Board {
         ("_defmt_", &["9defmt_rtt7channel"]),
         ("13nucleo_h743zi", WAKERS),
         ("13embassy_stm32", WAKERS),
+        ("ETH", WAKERS),
+        ("USART3", WAKERS),
     ],
 };
 

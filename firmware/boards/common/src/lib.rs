@@ -84,7 +84,8 @@ macro_rules! interrupt_executor {
 ///
 /// - `joints`: number of joints of the arm.
 /// - `drive`, `host`: types of the receiver and the transmitter of each link;
-///   they implement `embedded_io_async::Read` and `Write`.
+///   they implement `embedded_io_async::Read` and `Write`. Without `drive` the board runs
+///   `LINKS.drive_in` and `LINKS.drive_out` in a task of its own.
 /// - `tick_bytes`: most bytes that one tick sends to the host; at least one
 ///   frame (`MAX_FRAME`), two or more so that recordings do not wait.
 /// - `control_section`, optional: section of the linker script for the state of the control
@@ -102,7 +103,7 @@ macro_rules! interrupt_executor {
 macro_rules! controller {
     (
         joints: $joints:expr,
-        drive: ($drive_rx:ty, $drive_tx:ty),
+        $(drive: ($drive_rx:ty, $drive_tx:ty),)?
         host: ($host_rx:ty, $host_tx:ty),
         tick_bytes: $tick_bytes:expr
         $(, control_section: $control_section:literal)? $(,)?
@@ -138,15 +139,17 @@ macro_rules! controller {
             LINK.init_with(|| configure($crate::HostLink::new(BUILD, $joints)))
         }
 
-        #[embassy_executor::task]
-        async fn drive_in(mut receiver: $drive_rx) {
-            LINKS.drive_in(&mut receiver).await
-        }
+        $(
+            #[embassy_executor::task]
+            async fn drive_in(mut receiver: $drive_rx) {
+                LINKS.drive_in(&mut receiver).await
+            }
 
-        #[embassy_executor::task]
-        async fn drive_out(mut transmitter: $drive_tx) {
-            LINKS.drive_out(&mut transmitter).await
-        }
+            #[embassy_executor::task]
+            async fn drive_out(mut transmitter: $drive_tx) {
+                LINKS.drive_out(&mut transmitter).await
+            }
+        )?
 
         #[embassy_executor::task]
         async fn host_in(mut receiver: $host_rx) {
@@ -174,11 +177,14 @@ macro_rules! controller {
             spawner: &$crate::SendSpawner,
             link: &'static mut $crate::HostLink,
             mailbox: $crate::LinkSide,
-            drive: ($drive_rx, $drive_tx),
+            $(drive: ($drive_rx, $drive_tx),)?
             host: ($host_rx, $host_tx),
         ) -> Result<(), $crate::SpawnError> {
-            spawner.spawn(drive_in(drive.0)?);
-            spawner.spawn(drive_out(drive.1)?);
+            $(
+                let (receiver, transmitter): ($drive_rx, $drive_tx) = drive;
+                spawner.spawn(drive_in(receiver)?);
+                spawner.spawn(drive_out(transmitter)?);
+            )?
             spawner.spawn(host_in(host.0)?);
             spawner.spawn(serve_host(link, mailbox)?);
             spawner.spawn(host_out(host.1)?);

@@ -1,11 +1,13 @@
 //! spherecal's controller on ST's NUCLEO-H743ZI: Cortex-M7 at 480 MHz.
 //!
 //! ```text
-//!   drive ── USART2 (PD5/PD6, 3 Mbaud, DMA) ─┐
+//!   drive ── Ethernet (UDP, DMA) ────────────┐
 //!                                            ├─ links, priority 6 ─┐
 //!   host ─── USART3 (ST-LINK's virtual COM ──┘                     ├─ control, priority 2
 //!            port, 921,600 baud, DMA)          log (RTT), thread ──┘
 //! ```
+//!
+//! With the feature `uart-drive` the drive is on USART2 (PD5/PD6, 3 Mbaud, DMA) instead.
 //!
 //! The drive's states start the control cycles; a timer does when none comes. The control
 //! task feeds the independent watchdog on every tick, while all tasks below it show that
@@ -18,6 +20,8 @@
 
 mod checks;
 mod clocks;
+#[cfg(not(feature = "uart-drive"))]
+mod ethernet;
 mod memory;
 mod record;
 mod serial;
@@ -29,7 +33,9 @@ use cortex_m_rt::{ExceptionFrame, entry, exception};
 use defmt_rtt as _;
 use embassy_executor::Executor;
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
-use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH1, DMA1_CH2, DMA1_CH3, IWDG1, USART2, USART3};
+#[cfg(feature = "uart-drive")]
+use embassy_stm32::peripherals::{DMA1_CH0, DMA1_CH1, USART2};
+use embassy_stm32::peripherals::{DMA1_CH2, DMA1_CH3, IWDG1, USART3};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, dma, interrupt as vector, usart};
 use embassy_time::{Duration, Instant};
@@ -41,7 +47,11 @@ use spherecal_firmware::app::supervisor::Supervisor;
 use spherecal_firmware::app::{StateClock, run};
 use static_cell::StaticCell;
 
+#[cfg(not(feature = "uart-drive"))]
+use ethernet::drive_link;
 use record::Cause;
+#[cfg(feature = "uart-drive")]
+use serial::drive_link;
 
 /// Joints of the arm.
 const JOINTS: usize = 7;
@@ -53,7 +63,6 @@ const RESEND: Duration = Duration::from_millis(50);
 
 spherecal_board::controller! {
     joints: JOINTS,
-    drive: (serial::Receiver, serial::Transmitter),
     host: (serial::Receiver, serial::Transmitter),
     // Two of the largest frames, as many as may wait.
     tick_bytes: 2 * 2304,
@@ -61,9 +70,14 @@ spherecal_board::controller! {
 }
 
 bind_interrupts!(struct Interrupts {
+    #[cfg(not(feature = "uart-drive"))]
+    ETH => embassy_stm32::eth::InterruptHandler;
+    #[cfg(feature = "uart-drive")]
     USART2 => usart::InterruptHandler<USART2>;
     USART3 => usart::InterruptHandler<USART3>;
+    #[cfg(feature = "uart-drive")]
     DMA1_STREAM0 => dma::InterruptHandler<DMA1_CH0>;
+    #[cfg(feature = "uart-drive")]
     DMA1_STREAM1 => dma::InterruptHandler<DMA1_CH1>;
     DMA1_STREAM2 => dma::InterruptHandler<DMA1_CH2>;
     DMA1_STREAM3 => dma::InterruptHandler<DMA1_CH3>;
@@ -160,6 +174,22 @@ fn main() -> ! {
     self_test();
 
     let watchdog = IndependentWatchdog::new(p.IWDG1, WATCHDOG_US);
+    #[cfg(not(feature = "uart-drive"))]
+    let drive = {
+        // Before the driver enables the interrupt.
+        interrupt::ETH.set_priority(Priority::P4);
+        let pins = ethernet::Pins {
+            ref_clk: p.PA1,
+            crs_dv: p.PA7,
+            rxd: (p.PC4, p.PC5),
+            txd: (p.PG13, p.PB13),
+            tx_en: p.PG11,
+            mdio: p.PA2,
+            mdc: p.PC1,
+        };
+        Some(ethernet::drive(p.ETH, p.ETH_SMA, pins))
+    };
+    #[cfg(feature = "uart-drive")]
     let drive = serial::drive(p.USART2, p.PD6, p.PD5, (p.DMA1_CH0, p.DMA1_CH1));
     let host = serial::host(p.USART3, p.PD9, p.PD8, (p.DMA1_CH2, p.DMA1_CH3));
     let (Some(drive), Some(host)) = (drive, host) else {
@@ -186,9 +216,10 @@ fn main() -> ! {
         defmt::panic!("the control task is spawned twice");
     };
     control_spawner.spawn(control);
-    if spawn_links(&link_spawner, link, link_side, drive, host).is_err() {
+    let (Ok(drive), Ok(())) = (drive_link(drive), spawn_links(&link_spawner, link, link_side, host)) else {
         defmt::panic!("the link tasks are spawned twice");
-    }
+    };
+    link_spawner.spawn(drive);
     THREAD.init(Executor::new()).run(|spawner| {
         if let Ok(token) = housekeeping() {
             spawner.spawn(token);
