@@ -1,7 +1,7 @@
 //! Turning about the sphere to the next pose, at 20 N/m. The TCP stays where the
 //! nest seated; the tool and the elbow turn.
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 use spherecal_shared::procedure::Limits;
 use spherecal_shared::protocol::host::Fault;
 
@@ -9,7 +9,7 @@ use super::record::{RESTART_FACTOR, RecordingPose};
 use super::speed_scaling::{SpeedScaling, joint_load};
 use super::{Activity, CartesianState, Env, Next, PATIENT_SHARE, STILL_S};
 use crate::Report;
-use crate::law::NullSpace;
+use crate::law::{NullSpace, rotation_about, rotation_error};
 use crate::motion::TurnMove;
 use crate::safety::energy_share;
 
@@ -48,6 +48,8 @@ pub(crate) struct Turning<const N: usize> {
     scaling: SpeedScaling,
     over_s: f64,
     still_s: f64,
+    /// By how much the setpoint of the orientation leads the pose, against friction: a rotation vector in F0, in rad.
+    lead: Vector3<f64>,
 }
 
 impl<const N: usize> Turning<N> {
@@ -86,6 +88,7 @@ impl<const N: usize> Turning<N> {
             scaling: SpeedScaling::default(),
             over_s: 0.0,
             still_s: 0.0,
+            lead: Vector3::zeros(),
         }
     }
 
@@ -108,7 +111,12 @@ impl<const N: usize> Turning<N> {
         self.advance(env);
         let at = self.path.at(self.along_s);
         let rate = self.scaling.rate();
-        cartesian.setpoint.rotation = at.rotation;
+        let lead = self.lead.norm();
+        cartesian.setpoint.rotation = if lead > 0.0 {
+            rotation_about(&(self.lead / lead), lead) * at.rotation
+        } else {
+            at.rotation
+        };
         cartesian.setpoint.acceleration = at.angular_acceleration * (rate * rate);
         cartesian
             .setpoint
@@ -142,7 +150,8 @@ impl<const N: usize> Turning<N> {
         if turns && cartesian.surely_within(env.snapshot, most) {
             return Next::Stay;
         }
-        let error = cartesian.orientation_error(env.snapshot);
+        let off = rotation_error(&at.rotation, &env.snapshot.tcp.rotation);
+        let error = off.norm();
         if error > most {
             return Next::fail(Fault::PathDeviation, error, most);
         }
@@ -157,6 +166,11 @@ impl<const N: usize> Turning<N> {
         if patient {
             tolerance *= env.snapshot.softened(env.procedure.law.rotation_nm_rad).min(WIDEST);
             elbow_tolerance *= ELBOW_WIDEST;
+            if error > tolerance {
+                self.lead += off * (LEAD_PER_S * env.period_s);
+                let longest = LEAD_MOST * tolerance;
+                self.lead *= (longest / self.lead.norm()).min(1.0);
+            }
         }
         let there = error <= tolerance && elbow_error <= elbow_tolerance;
         if there && patient {
@@ -200,6 +214,10 @@ impl<const N: usize> Turning<N> {
 /// How much wider the tolerance of the orientation gets at most. It is as much wider as the drive's delay makes the spring
 /// softer: the moment that friction may leave stays the same. The recording takes the pose as it is.
 const WIDEST: f64 = 3.0;
+/// An arm that friction keeps from its pose for [`PATIENT_SHARE`] is turned further: the setpoint leads the pose by the integral of
+/// the error, in 1/s, a sixth of what the softest spring bears (12 rad/s); at most by this many tolerances.
+const LEAD_PER_S: f64 = 2.0;
+const LEAD_MOST: f64 = 3.0;
 /// How much wider the tolerance of the elbow is after [`PATIENT_SHARE`]. Dry friction of 1 to 2 N m holds the elbow of an arm of
 /// 12 N m at the wrist (a Panda) 0.18 rad from its target.
 const ELBOW_WIDEST: f64 = 2.0;
@@ -291,6 +309,29 @@ mod tests {
         };
         assert_eq!(rate(1.5), 1.0);
         assert!(rate(60.0) < 0.9, "{}", rate(60.0));
+    }
+
+    // Fails if the setpoint of an arm that friction holds off its pose does not go further after half of its time, away from where
+    // the arm is, or goes without bound; or if it does so earlier, or for an arm that is there.
+    #[test]
+    fn an_arm_that_friction_holds_is_turned_further() {
+        for (angle, ends) in [(0.05, LEAD_MOST * 0.02), (0.019, 0.0)] {
+            let mut scene = Scene::new();
+            scene.joint_speed = 0.07;
+            let mut cartesian = scene.engaged(-Vector3::z());
+            let pose = turned_by(&scene, angle);
+            let mut phase = Turning::new(pose, &scene.env(), &mut cartesian);
+            let half_s = PATIENT_SHARE * scene.procedure.turn.settle_s;
+            let mut lead = 0.0;
+            for _ in 0..3_900 {
+                assert!(matches!(phase.step(&scene.env(), &mut cartesian), Next::Stay));
+                let from_pose = rotation_error(&cartesian.setpoint.rotation, &pose.rotation);
+                let early = phase.over_s > 0.0 && phase.over_s <= half_s;
+                assert!(!early || from_pose.norm() < 1e-9, "{} s: {from_pose}", phase.over_s);
+                lead = from_pose.z;
+            }
+            assert!((lead - ends).abs() < 1e-9, "{lead}");
+        }
     }
 
     // Fails if an arm whose springs a late drive makes soft is recorded before it has had half of its time, or

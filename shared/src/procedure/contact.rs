@@ -108,7 +108,8 @@ pub struct Turn {
     /// Largest acceleration of orientation and elbow, in rad/s².
     pub acceleration_rad_s2: f64,
     /// Orientation error below which the pose is reached, in rad. After half of `settle_s` up to three times
-    /// as much is enough, where the drive's delay makes the spring so much softer.
+    /// as much is enough, where the drive's delay makes the spring so much softer, and an arm that is still off is
+    /// turned further.
     pub tolerance_rad: f64,
     /// Elbow error below which the pose is reached, in rad. It need not be small:
     /// the recording uses the elbow angle as it is. After half of `settle_s` twice as much is enough.
