@@ -163,6 +163,13 @@ fn robots_wires() {
     ];
     write("ur", "answers", &answers.map(|answer| answer.encode()).concat());
     write("ur", "calibration", &ur::KinematicsInfo::default().encode());
+    let request = ur::HttpRequest {
+        method: "PUT".to_owned(),
+        path: "/state".to_owned(),
+        body: b"{}".to_vec(),
+    };
+    write("ur", "http_request", &request.encode("robot"));
+    write("ur", "http_answer", b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n2\r\n{}\r\n0\r\n");
 }
 
 /// Messages of both links.

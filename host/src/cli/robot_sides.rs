@@ -69,6 +69,10 @@ pub struct PlantArgs {
     /// With --ur: be a CB3 (125 Hz), not an e-Series robot (500 Hz).
     #[arg(long, requires = "ur")]
     pub cb3: bool,
+    /// With --ur: have the software PolyScope X 10.12.1, with a Robot API in place of the dashboard: five ports below RTDE's, and
+    /// at port 80 where that is 30004.
+    #[arg(long, requires = "ur", conflicts_with = "cb3")]
+    pub polyscope_x: bool,
     /// With --ur: what the robot says of its own calibration (CSV without a header; a line for each joint: theta in rad, a and d
     /// in m, alpha in rad, as its controller has them). Default: the nominal robot.
     #[arg(long, value_name = "FILE.csv", requires = "ur")]

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use spherecal_model::robots::{UrParameters, ur_lengths};
 use spherecal_ur::robot::{ArmHardware, RobotConfig, start_robot};
-use spherecal_ur::wire::{KinematicsInfo, Series};
+use spherecal_ur::robot_api_port;
+use spherecal_ur::wire::{ControllerVersion, KinematicsInfo, Series};
 
 use super::exit::{CliError, Exit, interrupt};
 use super::out::{announce, errln, warn_if_open};
@@ -69,18 +70,24 @@ pub(super) fn universal_robots(args: &PlantArgs, at: &str) -> Result<Exit, CliEr
     };
     let model = job::loaded_model(&config)?;
     let limits = |joint: usize| model.robot.joints.get(joint).map(|joint| &joint.limits);
-    let side = RobotConfig {
+    let mut side = RobotConfig {
         address: at,
         limits: std::array::from_fn(|joint| {
             limits(joint).map_or((0.0, 0.0), |limits| (limits.velocity_rad_s, limits.torque_nm))
         }),
         ..RobotConfig::new(series, kinematics)
     };
+    let mut ports = at.to_string();
+    if args.polyscope_x {
+        side.version = ControllerVersion::POLYSCOPE_X;
+        // Port 80 is not everybody's.
+        ports = format!("{at}, and at port {} for the Robot API", robot_api_port(at.port()));
+    }
     warn_if_open("plant", at);
     let interrupt = interrupt()?;
     let version = side.version;
     let side = start_robot(side, arm)
-        .map_err(|error| CliError::input(format!("cannot listen at {at}: {error}; is another robot running?")))?;
+        .map_err(|error| CliError::input(format!("cannot listen at {ports}: {error}; is another robot running?")))?;
     announce(&format!(
         "RTDE (software {version}, {}), on ur:{}",
         config.robot,

@@ -123,6 +123,13 @@ fn the_own_calibration_is_read_and_what_cannot_be_is_refused() {
         let difference = robots::compare(&own(), &read).expect("six joints");
         assert!(difference.max_m < 1e-9, "{file}: {difference:?}");
     }
+    let polyscope_x = Server::start_in(folder, &["plant", "--ur", "0", "--polyscope-x", "--dh", "dh.csv"]);
+    let output = spherecal(folder, &["robot", "read", "--link", &polyscope_x.peer]);
+    assert!(
+        text(&output.stdout).contains("ur5e (software 10.12.1"),
+        "{}",
+        text(&output.stdout)
+    );
     let output = spherecal(folder, &["robot", "read", "--link", link, "--json"]);
     let found: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
     let nominal = robots::compare(&robots::load("ur5e").expect("built in"), &own()).expect("six joints");
@@ -147,6 +154,7 @@ fn the_own_calibration_is_read_and_what_cannot_be_is_refused() {
         (&["plant", "--ur", "somewhere"], 2, "give PORT or IP:PORT"),
         (&["plant", "--ur", "0", "--fci"], 2, "--fci"),
         (&["plant", "--cb3"], 2, "--ur"),
+        (&["plant", "--ur", "0", "--cb3", "--polyscope-x"], 2, "--cb3"),
     ] {
         let output = spherecal(folder, arguments);
         let said = text(&output.stderr);

@@ -64,10 +64,13 @@ pub mod robot {
     pub const CONNECT: Duration = Duration::from_secs(3);
     /// Time for an answer of a robot of Universal Robots; it answers within a cycle.
     pub const UR_ANSWER: Duration = Duration::from_secs(3);
-    /// Time for a line of its dashboard, and for it to take a request. The drive asks between two periods.
+    /// Time for a line of its dashboard or an answer of its Robot API, and for it to take a request. The drive asks between two
+    /// periods.
     pub const LINE: Duration = Duration::from_secs(1);
     /// Bytes of a line of the dashboard. Real ones have some 60.
     pub const LINE_BYTES: usize = 1024;
+    /// Bytes of a request to the Robot API or of its answer, head and body. Those that are needed have some 200.
+    pub const HTTP_BYTES: usize = 16 << 10;
     /// Time for the other answers of a Franka robot: error recovery opens brakes.
     pub const FRANKA_ANSWER: Duration = Duration::from_secs(10);
     /// Time in which a Franka robot must show a motion's begin or end.

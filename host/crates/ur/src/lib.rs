@@ -1,7 +1,8 @@
-//! The interfaces of Universal Robots: the Real-Time Data Exchange (RTDE), the primary interface and the dashboard.
+//! The interfaces of Universal Robots: the Real-Time Data Exchange (RTDE), the primary interface, and the dashboard or, on
+//! PolyScope X, the Robot API.
 //!
 //! Three rooms:
-//! - [`wire`]: packages of RTDE (protocol 2) and of the primary interface, encoded and decoded byte by byte.
+//! - [`wire`]: packages of RTDE (protocol 2) and of the primary interface, and HTTP, encoded and decoded byte by byte.
 //! - [`client`]: reads a real robot, and commands its torques.
 //! - [`robot`]: the robot's side, in front of a simulated arm, so that any client can be tested without a robot.
 //!
@@ -26,3 +27,12 @@ pub const RTDE_PORT: u16 = 30004;
 pub const PRIMARY_BELOW_RTDE: u16 = 3;
 /// How far the port of the dashboard (29999 on a robot) is below that of RTDE.
 pub const DASHBOARD_BELOW_RTDE: u16 = 5;
+
+/// The port of the Robot API of PolyScope X on a robot with this port of RTDE: 80 on a robot with the usual ports. Beside
+/// another port of RTDE, as a simulated robot may have it, it takes the place of the dashboard, which PolyScope X has not.
+pub const fn robot_api_port(rtde: u16) -> u16 {
+    match rtde {
+        RTDE_PORT => 80,
+        other => other.saturating_sub(DASHBOARD_BELOW_RTDE),
+    }
+}

@@ -16,7 +16,10 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use rustix::fs::OFlags;
-use spherecal_ur::client::{ClientConfig, ClientError, DashboardCommand, ask_dashboard, read_kinematics};
+use spherecal_ur::client::{
+    ClientConfig, ClientError, DashboardCommand, ask_dashboard, ask_robot_api, read_kinematics,
+};
+use spherecal_ur::wire::ControllerVersion;
 
 use super::table::{Client, Wire, clients};
 use super::{End, HARMS, Harm, causes, pause, waits};
@@ -253,10 +256,19 @@ type Question = (
     fn(&ClientConfig) -> Result<String, ClientError>,
 );
 
-const QUESTIONS: [Question; 2] = [
+const QUESTIONS: [Question; 3] = [
     ("dashboard", 5, b"Safetystatus: NORMAL\n", |config| {
         ask_dashboard(config, &[DashboardCommand::UnlockProtectiveStop])
     }),
+    (
+        "Robot API",
+        5,
+        b"HTTP/1.1 200 \r\nContent-Length: 0\r\n\r\n",
+        |config| {
+            let commands = [DashboardCommand::UnlockProtectiveStop];
+            ask_robot_api(config, ControllerVersion::POLYSCOPE_X, &commands)
+        },
+    ),
     // A package without a payload.
     ("primary interface", 3, &[0, 0, 0, 5, 16], |config| {
         read_kinematics(config).map(|info| format!("{info:?}"))

@@ -32,6 +32,8 @@ pub enum DriveEvent {
     UrNotStarted,
     /// A robot of Universal Robots is asked to end its protective stop.
     UrUnlocking,
+    /// The Robot API of PolyScope X refused to end a protective stop, with this HTTP status.
+    UrUnlockRefused(u16),
     /// A robot of Universal Robots stays stopped: a person has to act.
     UrPersonNeeded(spherecal_ur::client::Unready),
     /// No state came for this long.
@@ -64,9 +66,11 @@ impl std::fmt::Display for DriveEvent {
             Self::KukaNotReady(cause) => write!(f, "the cabinet permits no commands: {cause}"),
             Self::UrEnded(end) => end.fmt(f),
             Self::UrNotStarted => f.write_str(
-                "the robot did not run the program: choose remote control at the teach pendant (Settings, System, Remote Control)",
+                "the robot did not run the program: choose remote control at the teach pendant (Settings, System, Remote Control; \
+                 PolyScope X: in the safety overview, in automatic mode)",
             ),
-            Self::UrUnlocking => f.write_str("asking the dashboard to end the protective stop"),
+            Self::UrUnlocking => f.write_str("asking the robot to end the protective stop"),
+            Self::UrUnlockRefused(status) => write!(f, "the robot did not end the protective stop: {}", refused(*status)),
             Self::UrPersonNeeded(unready) => unready.fmt(f),
             Self::Silent(after) => write!(
                 f,
@@ -82,5 +86,15 @@ impl std::fmt::Display for DriveEvent {
                  beyond its limit"
             ),
         }
+    }
+}
+
+/// Why the Robot API refused, and what to do. 403 is that of local control.
+fn refused(status: u16) -> String {
+    match status {
+        spherecal_ur::wire::HTTP_FORBIDDEN => {
+            "choose remote control at the teach pendant (in the safety overview, in automatic mode)".to_owned()
+        }
+        _ => format!("its Robot API answered with the HTTP status {status}"),
     }
 }

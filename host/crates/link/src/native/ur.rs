@@ -5,9 +5,7 @@ use std::time::Duration;
 use spherecal_shared::protocol::drive::{DriveHello, DriveStatus};
 use spherecal_shared::robot::{Arm, Dynamics as _};
 use spherecal_ur::JOINTS;
-use spherecal_ur::client::{
-    ClientError, DashboardCommand, ProgramEnd, TorqueClient, TorqueState, Unready, ask_dashboard,
-};
+use spherecal_ur::client::{ClientError, DashboardCommand, ProgramEnd, TorqueClient, TorqueState, Unready};
 use spherecal_ur::wire::{Order, SafetyMode};
 
 use super::DriveEvent;
@@ -19,12 +17,10 @@ const PERIOD_S: f64 = TorqueClient::period_s();
 const PERIOD_US: u32 = (PERIOD_S * 1e6) as u32;
 /// Periods in a second: the pause between an end and the next start. The host sees the fault first.
 const PAUSE_TICKS: u64 = 1_000_000 / PERIOD_US as u64;
-/// Periods of a protective stop before the dashboard is asked to end it. The robot refuses for 5 s.
+/// Periods of a protective stop before the robot is asked to end it. It refuses for 5 s.
 const UNLOCK_TICKS: u64 = 11 * PAUSE_TICKS / 2;
-/// How often in a row the dashboard is asked, without torques between them.
+/// How often in a row it is asked, without torques between them.
 const UNLOCKS: u32 = 3;
-/// First major version without a dashboard.
-const POLYSCOPE_X: u32 = 10;
 
 /// A robot of Universal Robots as a drive.
 ///
@@ -32,7 +28,8 @@ const POLYSCOPE_X: u32 = 10;
 ///   control.
 /// - The measured torques are those of the motors. What accelerates the declared motors is taken off, and the gravity of
 ///   model and tool is added: that is what acts on the links.
-/// - A stop ends the program. After a protective stop the drive asks the dashboard to end it, at most three times in a row;
+/// - A stop ends the program. After a protective stop the drive asks the dashboard, or on PolyScope X the Robot API, to end it, at
+///   most three times in a row;
 ///   other stops are a person's. As soon as the robot is ready, the next command with `enable` starts the program anew.
 /// - A cable that is out for less than a minute, and a robot that restarts, end the program; the drive connects again.
 pub type UrDrive = InterfaceDrive<Ur, JOINTS>;
@@ -79,7 +76,7 @@ impl UrDrive {
         let arm = Arm::new(robot, &options.tool)?;
         let mut client = options.open()?;
         let (mut state, mut sent) = (TorqueState::default(), Sent::default());
-        let latency_us = begin(&options, &mut client, &mut state, &mut sent)?.max(undeclared.latency_us);
+        let latency_us = begin(&mut client, &mut state, &mut sent)?.max(undeclared.latency_us);
         let motors = &undeclared.motor_kg_m2;
         let hello = DriveHello {
             period_us: PERIOD_US,
@@ -160,7 +157,7 @@ impl Ur {
         course.recorder.pause();
     }
 
-    /// Asks the dashboard to end a protective stop, once the robot permits it.
+    /// Asks the robot to end a protective stop, once it permits it.
     fn unlock(&mut self, course: &mut Course, unready: Option<Unready>) {
         let protective = Unready::Stopped(SafetyMode::ProtectiveStop.number());
         let Some(unready) = unready.filter(|unready| *unready == protective) else {
@@ -173,9 +170,7 @@ impl Ur {
         }
         self.stopped_at = Some(course.tick);
         self.unlocks += 1;
-        let major = self.client.as_ref().map_or(0, |client| client.version().major);
-        if self.unlocks > UNLOCKS || major >= POLYSCOPE_X {
-            self.unlocks = UNLOCKS + 1;
+        if self.unlocks > UNLOCKS {
             course.recorder.event(DriveEvent::UrPersonNeeded(unready));
             return;
         }
@@ -185,8 +180,11 @@ impl Ur {
             DashboardCommand::CloseSafetyPopup,
             DashboardCommand::UnlockProtectiveStop,
         ];
-        // Whether it helped, the robot's state tells. A dashboard that does not answer is asked again.
-        let _ = ask_dashboard(&self.options.config, &commands);
+        // Whether it helped, the robot's state tells. One that does not answer is asked again.
+        let asked = self.client.as_ref().map(|client| client.ask(&commands));
+        if let Some(Err(ClientError::RobotApi { status, .. })) = asked {
+            course.recorder.event(DriveEvent::UrUnlockRefused(status));
+        }
     }
 
     /// What acts on the links, N m.

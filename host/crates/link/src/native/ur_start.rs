@@ -1,7 +1,7 @@
 //! How torques over the interfaces of Universal Robots begin: the connection, the program, and the delay of the wire.
 
 use spherecal_shared::robot::{Inertia, Robot, Tool};
-use spherecal_ur::client::{ClientConfig, ClientError, DashboardCommand, TorqueClient, TorqueState, ask_dashboard};
+use spherecal_ur::client::{ClientConfig, ClientError, DashboardCommand, TorqueClient, TorqueState};
 use spherecal_ur::wire::{Load, Order};
 
 use super::Undeclared;
@@ -55,10 +55,11 @@ pub enum UrError {
     /// The robot does not run our program.
     #[error(
         "the robot did not run the program that was sent to its primary interface ({said}): choose remote control at the \
-         teach pendant (Settings, System, Remote Control), and enable the primary interface under Settings, Security, Services"
+         teach pendant (Settings, System, Remote Control; PolyScope X: in the safety overview, in automatic mode), and enable the \
+         primary interface under Settings, Security, Services"
     )]
     NotStarted {
-        /// What its dashboard says of remote control.
+        /// What its dashboard or its Robot API says of remote control.
         said: String,
     },
     /// The robot's description is of no use here.
@@ -111,12 +112,7 @@ pub(super) fn start(client: &mut TorqueClient, state: &mut TorqueState, sent: &m
 
 /// Starts the program on a robot that is ready, and measures the delay of the wire: the median age of the acknowledged number,
 /// in µs. Nothing moves.
-pub(super) fn begin(
-    options: &UrOptions,
-    client: &mut TorqueClient,
-    state: &mut TorqueState,
-    sent: &mut Sent,
-) -> Result<u32, UrError> {
+pub(super) fn begin(client: &mut TorqueClient, state: &mut TorqueState, sent: &mut Sent) -> Result<u32, UrError> {
     client.receive(state)?;
     // The program of a session that has just died ends by itself.
     for _ in 0..START_STATES {
@@ -131,9 +127,9 @@ pub(super) fn begin(
     state.robot.ready().map_err(ClientError::from)?;
     if !start(client, state, sent)? {
         state.robot.ready().map_err(ClientError::from)?;
-        let asked = ask_dashboard(&options.config, &[DashboardCommand::IsInRemoteControl]);
+        let asked = client.ask(&[DashboardCommand::IsInRemoteControl]);
         let said = asked.map_or_else(
-            |_| "its dashboard does not answer".to_owned(),
+            |_| "it does not say whether it is in remote control".to_owned(),
             |answer| format!("remote control: {answer}"),
         );
         return Err(UrError::NotStarted { said });

@@ -12,7 +12,9 @@ use spherecal_shared::robot::{Arm, Dynamics as _, Robot, built_in, iiwa7_tool};
 use spherecal_ur::JOINTS;
 use spherecal_ur::client::ClientConfig;
 use spherecal_ur::robot::{ArmCommand, ArmHardware, ArmState, RobotConfig, RobotSide, start_robot};
-use spherecal_ur::wire::{KinematicsInfo, RobotMode, RuntimeState, SafetyMode, Series};
+use spherecal_ur::wire::{
+    ControllerVersion, HTTP_FORBIDDEN, KinematicsInfo, RobotMode, RuntimeState, SafetyMode, Series,
+};
 
 /// Inertia of each joint, motor included, and of its motor, kg m².
 const INERTIA: f64 = 0.5;
@@ -128,8 +130,17 @@ fn what_is_not_ready_is_refused_in_the_robots_words() {
         said.contains("a program runs on the robot (runtime_state is PLAYING)"),
         "{said}"
     );
-    let said = refusal(&|side| side.controls().remote.store(false, Ordering::Relaxed));
-    assert!(said.contains("remote control: false"), "{said}");
+    for polyscope_x in [false, true] {
+        let world = World::new(0);
+        let side = robot(&world, |robot| {
+            if polyscope_x {
+                robot.version = ControllerVersion::POLYSCOPE_X;
+            }
+        });
+        side.controls().remote.store(false, Ordering::Relaxed);
+        let said = connect(&world, &side).err().expect("refused").to_string();
+        assert!(said.contains("remote control: false"), "{said}");
+    }
     let world = World::new(0);
     let side = robot(&world, |_| ());
     let first = connect(&world, &side).expect("a drive");
@@ -201,6 +212,54 @@ fn torques_act_and_are_told_as_those_on_the_links() {
     let starts = events.iter().filter(|event| **event == DriveEvent::Started).count();
     assert_eq!((ends, starts), (1, 2), "{events:?}");
     assert_eq!(side.statistics().after_stop, 0);
+}
+
+// Fails if a PolyScope X in local control that refuses to end its protective stop is asked more than three times, the refusal is
+// not told with what a person has to do, the connection is lost by it, or a person who ends the stop is not enough.
+#[test]
+fn a_robot_api_that_refuses_leaves_the_stop_to_a_person() {
+    let world = World::new(0);
+    let side = robot(&world, |robot| robot.version = ControllerVersion::POLYSCOPE_X);
+    let mut drive = connect(&world, &side).expect("a drive");
+    let mut state = DriveState::default();
+    drive.exchange(None, &mut state).expect("a state");
+    let mut run = |periods: usize| {
+        for _ in 0..periods {
+            let command = DriveCommand {
+                session: 1,
+                tick: state.tick,
+                tau: [0.0; JOINTS].into_iter().collect(),
+                enable: state.status == DriveStatus::Ready,
+            };
+            drive.exchange(Some(&command), &mut state).expect("the link lives");
+        }
+        let events: Vec<_> = std::iter::from_fn(|| drive.monitor()?.next_event()).collect();
+        (state.status, events)
+    };
+    run(100);
+    let controls = side.controls();
+    controls.remote.store(false, Ordering::Relaxed);
+    let stop = SafetyMode::ProtectiveStop.number();
+    controls.safety_mode.store(stop, Ordering::Relaxed);
+    let (status, events) = run(15_000);
+    assert_eq!(status, DriveStatus::Failed);
+    let count = |wanted: DriveEvent| events.iter().filter(|event| **event == wanted).count();
+    let refused = DriveEvent::UrUnlockRefused(HTTP_FORBIDDEN);
+    assert_eq!((count(DriveEvent::UrUnlocking), count(refused)), (3, 3), "{events:?}");
+    assert!(refused.to_string().contains("choose remote control"), "{refused}");
+    assert!(
+        matches!(events.last(), Some(DriveEvent::UrPersonNeeded(_))),
+        "{events:?}"
+    );
+    controls.remote.store(true, Ordering::Relaxed);
+    controls
+        .safety_mode
+        .store(SafetyMode::Normal.number(), Ordering::Relaxed);
+    let (status, events) = run(1000);
+    assert_eq!(
+        (status, events.last()),
+        (DriveStatus::Ready, Some(&DriveEvent::Started))
+    );
 }
 
 // Fails if a cable that is out for 1.2 s counts as more or fewer periods than have passed, is not told, or ends the link.

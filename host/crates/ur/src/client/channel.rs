@@ -10,7 +10,7 @@ use spherecal_budget::robot::LINE;
 use spherecal_cyclic::{Machine, Stream, io_error as io, this_machine};
 
 use super::ClientError;
-use crate::{DASHBOARD_BELOW_RTDE, PRIMARY_BELOW_RTDE, RTDE_PORT};
+use crate::{DASHBOARD_BELOW_RTDE, PRIMARY_BELOW_RTDE, RTDE_PORT, robot_api_port};
 
 /// Bytes read at once.
 const PART: usize = 4096;
@@ -100,7 +100,8 @@ pub struct ClientConfig {
     pub machine: Arc<dyn Machine>,
     /// Address or host name of the robot.
     pub host: String,
-    /// TCP port of RTDE. A real robot has 30004. The primary interface is three below it, the dashboard five.
+    /// TCP port of RTDE. A real robot has 30004. The primary interface is three below it, the dashboard five; that of the Robot
+    /// API is [`robot_api_port`].
     pub port: u16,
     /// How long to wait for the TCP connection.
     pub connect_timeout: Duration,
@@ -138,6 +139,10 @@ impl ClientConfig {
 
     pub(super) fn dashboard_port(&self) -> u16 {
         self.port.saturating_sub(DASHBOARD_BELOW_RTDE)
+    }
+
+    pub(super) fn robot_api_port(&self) -> u16 {
+        robot_api_port(self.port)
     }
 
     pub(super) fn primary_port(&self) -> u16 {

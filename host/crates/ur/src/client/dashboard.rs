@@ -12,7 +12,7 @@ use crate::wire::KinematicsInfo;
 use crate::wire::primary::take_primary;
 
 named_enum! {
-    /// What this client asks for.
+    /// What this client asks for, in the words of the dashboard.
     DashboardCommand {
         /// Closes the message of a safety stop.
         CloseSafetyPopup, "close safety popup";

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use spherecal_cyclic::SocketError;
 
-use crate::wire::{ControllerVersion, PROTOCOL, RobotMode, SafetyMode, WireError, words};
+use crate::wire::{ControllerVersion, HTTP_FORBIDDEN, PROTOCOL, RobotMode, SafetyMode, WireError, words};
 
 /// Why the client failed.
 #[derive(Debug, thiserror::Error)]
@@ -86,6 +86,16 @@ pub enum ClientError {
         /// The robot's software.
         version: ControllerVersion,
     },
+    /// The Robot API of PolyScope X refused something.
+    #[error("the robot's Robot API refused \"{request}\" (HTTP status {status}: {said}): {}", remedy(*.status))]
+    RobotApi {
+        /// What was asked for.
+        request: &'static str,
+        /// The status of its answer.
+        status: u16,
+        /// Its words.
+        said: String,
+    },
     /// The robot refused to send.
     #[error("the robot refused \"{request}\"")]
     Refused {
@@ -123,6 +133,14 @@ pub enum ProgramEnd {
     /// The robot is ready, but the program has ended: a person stopped it, another took its place, or no torque came for 24 ms.
     #[error("the robot's program has ended: a person or another client stopped it, or no torques came for 24 ms")]
     Ended,
+}
+
+/// What a person does where the Robot API answers with this status.
+fn remedy(status: u16) -> &'static str {
+    match status {
+        HTTP_FORBIDDEN => "choose automatic mode and remote control at the teach pendant",
+        _ => "do it at the teach pendant",
+    }
 }
 
 fn mode_words(number: i32) -> String {

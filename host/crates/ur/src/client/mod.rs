@@ -4,12 +4,14 @@
 //! robot's own calibration from the primary interface. Neither sends a script, an input or a motion.
 //!
 //! [`TorqueClient`] sends [our own program](crate::wire::PROGRAM) to the primary interface, and torques to its registers.
-//! [`ask_dashboard`] ends a protective stop.
+//! [`TorqueClient::ask`] ends a protective stop: by the dashboard ([`ask_dashboard`]), or by the Robot API of PolyScope X
+//! ([`ask_robot_api`]).
 
 mod channel;
 mod dashboard;
 mod error;
 mod read_only;
+mod robot_api;
 mod rtde;
 mod state;
 mod torque;
@@ -18,5 +20,6 @@ pub use channel::ClientConfig;
 pub use dashboard::{DashboardCommand, ask_dashboard, read_kinematics};
 pub use error::{ClientError, ProgramEnd, Unready};
 pub use read_only::ReadOnlyClient;
+pub use robot_api::ask_robot_api;
 pub use state::RobotState;
 pub use torque::{TorqueClient, TorqueState};

@@ -3,7 +3,7 @@
 use super::channel::Channel;
 use super::rtde::{Fields, Rtde};
 use super::state::finite;
-use super::{ClientConfig, ClientError, RobotState};
+use super::{ClientConfig, ClientError, DashboardCommand, RobotState, ask_dashboard, ask_robot_api};
 use crate::JOINTS;
 use crate::wire::{
     ACKNOWLEDGED, ControllerVersion, FieldType, INPUTS, Load, Order, PROGRAM, Reader, Series, Taken, WireError,
@@ -142,6 +142,19 @@ impl TorqueClient {
         let package: [u8; PACKAGE] = data_package(self.inputs, [order.number(), self.number], doubles);
         self.rtde.channel.send(&package)?;
         Ok(self.number)
+    }
+
+    /// Asks for these things, one after the other, and returns the last answer: the dashboard, or on PolyScope X the Robot API.
+    ///
+    /// # Errors
+    /// A [`ClientError`] if that interface cannot be reached, does not answer in time, or refuses.
+    pub fn ask(&self, commands: &[DashboardCommand]) -> Result<String, ClientError> {
+        let Rtde { config, version, .. } = &self.rtde;
+        if version.is_polyscope_x() {
+            ask_robot_api(config, *version, commands)
+        } else {
+            ask_dashboard(config, commands)
+        }
     }
 
     /// Sends the program to the primary interface. It runs when its first number is acknowledged.

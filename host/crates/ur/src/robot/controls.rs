@@ -1,7 +1,7 @@
 //! Which robot the robot side is, what persons do to it, and what it counts.
 
 use std::net::{Ipv4Addr, SocketAddr};
-use std::sync::atomic::{AtomicBool, AtomicI32};
+use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use spherecal_cyclic::{Machine, this_machine};
@@ -55,6 +55,34 @@ pub struct Controls {
     pub stop_program: AtomicBool,
 }
 
+/// For how long a robot refuses to end a protective stop, s.
+const LOCKED_S: f64 = 5.0;
+
+/// What becomes of the wish to end a protective stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Unlock {
+    /// It has ended.
+    Done,
+    /// There is none.
+    NotStopped,
+    /// It is younger than 5 s.
+    TooEarly,
+}
+
+impl Controls {
+    /// Ends a protective stop, if the robot permits it. `stopped_s`: how long the robot has been stopped.
+    pub(super) fn unlock(&self, stopped_s: f64) -> Unlock {
+        if self.safety_mode.load(Ordering::Relaxed) != SafetyMode::ProtectiveStop.number() {
+            return Unlock::NotStopped;
+        }
+        if stopped_s < LOCKED_S {
+            return Unlock::TooEarly;
+        }
+        self.safety_mode.store(SafetyMode::Normal.number(), Ordering::Relaxed);
+        Unlock::Done
+    }
+}
+
 impl Default for Controls {
     fn default() -> Self {
         Self {
@@ -72,10 +100,11 @@ impl Default for Controls {
 pub struct RobotConfig {
     /// Time and network of this side.
     pub machine: Arc<dyn Machine>,
-    /// Where RTDE listens. The interfaces that take scripts listen one to three ports below, the dashboard five. Port 0 takes any
-    /// such ports.
+    /// Where RTDE listens. The interfaces that take scripts listen one to three ports below, the dashboard five; the Robot API at
+    /// [`robot_api_port`](crate::robot_api_port). Port 0 takes any such ports.
     pub address: SocketAddr,
-    /// The software that it says to have. It decides on the rate: 125 Hz or 500 Hz.
+    /// The software that it says to have. It decides on the rate (125 Hz or 500 Hz), and whether there is a dashboard or, from
+    /// PolyScope X on, a Robot API.
     pub version: ControllerVersion,
     /// The calibration that it says to have.
     pub kinematics: KinematicsInfo,

@@ -4,14 +4,16 @@
 //! does not simulate (currents, voltages, temperatures, digital inputs) are zero. Inputs are kept and can be read back. It
 //! interprets no script: it knows [our program](crate::wire::PROGRAM) by its text, and that of `ur-rtde`, as far as its torques
 //! need it, and refuses others.
-//! The primary interface sends the robot's calibration after a connection; the dashboard knows the lines that end a
-//! protective stop.
+//! The primary interface sends the robot's calibration after a connection; the dashboard, and on PolyScope X the Robot API, know
+//! the requests that end a protective stop.
 
 mod controls;
+mod dashboard;
 mod outputs;
 mod ports;
 mod programs;
 mod registers;
+mod robot_api;
 mod server;
 
 pub use controls::{ArmCommand, ArmHardware, ArmState, Controls, RobotConfig, RobotStatistics};

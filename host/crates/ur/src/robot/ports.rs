@@ -3,14 +3,14 @@
 use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 
 use spherecal_budget::robot::{CLIENTS, SCRIPT_BYTES};
 use spherecal_cyclic::{Listener, Machine, Stream, Wire};
 
-use super::controls::Controls;
-use crate::wire::{Answer, FieldType, Recipe, RobotMode, RuntimeState, SafetyMode, words};
-use crate::{DASHBOARD_BELOW_RTDE, PRIMARY_BELOW_RTDE};
+use super::controls::{Controls, RobotConfig};
+use super::{dashboard, robot_api};
+use crate::wire::{Answer, ControllerVersion, FieldType, HttpRequest, Recipe};
+use crate::{DASHBOARD_BELOW_RTDE, PRIMARY_BELOW_RTDE, robot_api_port};
 
 /// Groups of free ports that are tried.
 const TRIALS: usize = 64;
@@ -26,28 +26,38 @@ struct Sender {
 /// All ports but RTDE's.
 pub(super) struct Ports {
     scripts: [Box<dyn Listener>; 3],
-    dashboard: Box<dyn Listener>,
+    /// The dashboard, or the Robot API of this PolyScope X.
+    people_at: Box<dyn Listener>,
+    polyscope_x: Option<ControllerVersion>,
     senders: Vec<Sender>,
     people: Vec<Wire>,
 }
 
-/// RTDE's port, and the others below it. Port 0 takes any free group of such ports.
-pub(super) fn open(machine: &dyn Machine, at: SocketAddr) -> std::io::Result<(Box<dyn Listener>, Ports)> {
+/// RTDE's port, and the others, below it but for the Robot API's. Port 0 takes any free group of such ports.
+pub(super) fn open(config: &RobotConfig) -> std::io::Result<(Box<dyn Listener>, Ports)> {
+    let (machine, at): (&dyn Machine, _) = (config.machine.as_ref(), config.address);
+    let polyscope_x = Some(config.version).filter(ControllerVersion::is_polyscope_x);
     let mut refused = ErrorKind::AddrNotAvailable.into();
     for _ in 0..TRIALS {
         let rtde = machine.listen(at)?;
         let port = rtde.address()?.port();
-        let below = |by: u16| {
-            let port = port.checked_sub(by).filter(|port| *port > 0);
-            machine.listen(SocketAddr::new(at.ip(), port.ok_or(ErrorKind::AddrNotAvailable)?))
+        let listen = |port: Option<u16>| {
+            let port = port.filter(|port| *port > 0).ok_or(ErrorKind::AddrNotAvailable)?;
+            machine.listen(SocketAddr::new(at.ip(), port))
+        };
+        let below = |by: u16| listen(port.checked_sub(by));
+        let people = || match polyscope_x {
+            Some(_) => listen(Some(robot_api_port(port))),
+            None => below(DASHBOARD_BELOW_RTDE),
         };
         let [primary, secondary, realtime] = SCRIPTS_BELOW_RTDE;
         let others = || Ok([below(primary)?, below(secondary)?, below(realtime)?]);
-        match others().and_then(|scripts| Ok((scripts, below(DASHBOARD_BELOW_RTDE)?))) {
-            Ok((scripts, dashboard)) => {
+        match others().and_then(|scripts| Ok((scripts, people()?))) {
+            Ok((scripts, people_at)) => {
                 let ports = Ports {
                     scripts,
-                    dashboard,
+                    people_at,
+                    polyscope_x,
                     senders: Vec::new(),
                     people: Vec::new(),
                 };
@@ -61,8 +71,8 @@ pub(super) fn open(machine: &dyn Machine, at: SocketAddr) -> std::io::Result<(Bo
 }
 
 impl Ports {
-    /// Greets new clients, answers at the dashboard, and returns the scripts that came. `calibration` is what a client of the
-    /// primary interface gets.
+    /// Greets new clients, answers at the dashboard or the Robot API, and returns the scripts that came. `calibration` is what a
+    /// client of the primary interface gets.
     pub(super) fn serve(&mut self, calibration: &[u8], controls: &Controls, stopped_s: f64) -> Vec<String> {
         for (k, listener) in self.scripts.iter().enumerate() {
             while let Ok((stream, _)) = listener.accept() {
@@ -76,18 +86,32 @@ impl Ports {
                 }
             }
         }
-        while let Ok((stream, _)) = self.dashboard.accept() {
+        while let Ok((stream, _)) = self.people_at.accept() {
             if self.people.len() < CLIENTS {
                 let mut wire = Wire::new(stream);
-                wire.send(b"Connected: Universal Robots Dashboard Server\n");
+                if self.polyscope_x.is_none() {
+                    wire.send(dashboard::GREETING);
+                }
                 self.people.push(wire);
             }
         }
         self.people.retain_mut(|wire| {
             let alive = wire.poll();
-            while let Some(line) = line(&mut wire.received) {
-                let answer = answer(&line, controls, stopped_s);
-                wire.send(format!("{answer}\n").as_bytes());
+            match self.polyscope_x {
+                Some(version) => {
+                    // One request on a connection.
+                    let request = HttpRequest::decode(&wire.received).transpose().filter(|_| !wire.ends());
+                    if let Some(request) = request {
+                        wire.send(&robot_api::answer(request.as_ref(), version, controls, stopped_s).encode());
+                        wire.finish();
+                    }
+                }
+                None => {
+                    while let Some(line) = dashboard::line(&mut wire.received) {
+                        let answer = dashboard::answer(&line, controls, stopped_s);
+                        wire.send(format!("{answer}\n").as_bytes());
+                    }
+                }
             }
             alive
         });
@@ -107,63 +131,6 @@ impl Ports {
             alive
         });
         scripts
-    }
-}
-
-/// The first line that has come, without its end.
-fn line(received: &mut Vec<u8>) -> Option<String> {
-    let end = received.iter().position(|byte| *byte == b'\n')?;
-    let line: Vec<u8> = received.drain(..=end).collect();
-    Some(String::from_utf8_lossy(&line).trim().to_owned())
-}
-
-/// For how long a robot refuses to end a protective stop, s.
-const LOCKED_S: f64 = 5.0;
-
-/// What the dashboard says, and does. `stopped_s`: how long the robot has been stopped.
-fn answer(line: &str, controls: &Controls, stopped_s: f64) -> String {
-    let mode = controls.robot_mode.load(Ordering::Relaxed);
-    let safety = controls.safety_mode.load(Ordering::Relaxed);
-    let state = controls.runtime_state.load(Ordering::Relaxed);
-    let runs = state == RuntimeState::Playing.number();
-    match line.to_ascii_lowercase().as_str() {
-        "robotmode" => format!(
-            "Robotmode: {}",
-            words(RobotMode::from_number(mode).map(RobotMode::name), mode)
-        ),
-        "safetystatus" | "safetymode" => {
-            format!(
-                "Safetystatus: {}",
-                words(SafetyMode::from_number(safety).map(SafetyMode::name), safety)
-            )
-        }
-        "running" => format!("Program running: {runs}"),
-        "programstate" => format!("{} spherecal", if runs { "PLAYING" } else { "STOPPED" }),
-        "is in remote control" => controls.remote.load(Ordering::Relaxed).to_string(),
-        "close safety popup" => "closing safety popup".to_owned(),
-        "stop" => {
-            controls.stop_program.store(true, Ordering::Relaxed);
-            "Stopped".to_owned()
-        }
-        "unlock protective stop" => {
-            if safety != SafetyMode::ProtectiveStop.number() {
-                return "Protective stop releasing".to_owned();
-            }
-            if stopped_s < LOCKED_S {
-                return "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop \
-                        before unlocking"
-                    .to_owned();
-            }
-            controls
-                .safety_mode
-                .store(SafetyMode::Normal.number(), Ordering::Relaxed);
-            "Protective stop releasing".to_owned()
-        }
-        "polyscopeversion" => "URSoftware 5.25.1.0 (simulated by spherecal)".to_owned(),
-        "get robot model" => "UR5".to_owned(),
-        "get serial number" => "00000000000".to_owned(),
-        "quit" => "Disconnected".to_owned(),
-        other => format!("could not understand: '{other}'"),
     }
 }
 

@@ -30,7 +30,7 @@ pub type RobotSide = Side<Controls, RobotStatistics>;
 /// What the system says if an address cannot be used.
 pub fn start_robot(config: RobotConfig, arm: Box<dyn ArmHardware>) -> std::io::Result<RobotSide> {
     let machine = Arc::clone(&config.machine);
-    let (rtde, ports) = open(machine.as_ref(), config.address)?;
+    let (rtde, ports) = open(&config)?;
     let address = rtde.address()?;
     let period = Duration::from_secs_f64(1.0 / config.series().rate_hz());
     let clock = PeriodClock::start(period, machine.now());

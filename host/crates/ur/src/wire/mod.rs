@@ -3,13 +3,15 @@
 //! RTDE: each package is `u16` size (header included), `u8` kind, payload: a [`Request`] of the client or an [`Answer`] of the
 //! robot. A client negotiates protocol 2, names the fields that it wants (the *recipe*) and their rate, and starts the stream
 //! of data packages. The
-//! [primary interface](primary) sends the robot's own calibration once after the connection, and takes [`PROGRAM`].
+//! [primary interface](primary) sends the robot's own calibration once after the connection, and takes [`PROGRAM`]. The Robot
+//! API of PolyScope X speaks HTTP: an [`HttpRequest`] and an [`HttpAnswer`] on each connection.
 //!
 //! Every decoder is total: it returns a [`WireError`] for bytes that are no package, and never panics.
 
 mod bytes;
 mod data;
 mod fields;
+mod http;
 mod modes;
 mod package;
 pub mod primary;
@@ -19,6 +21,7 @@ mod value;
 pub(crate) use bytes::Bytes as Reader;
 pub(crate) use data::{Taken, data_package, take_data};
 pub use fields::{input_type, output_type};
+pub use http::{HTTP_CONFLICT, HTTP_FORBIDDEN, HTTP_OK, HttpAnswer, HttpRequest, ROBOT_API};
 pub use modes::{RobotMode, RuntimeState, SafetyMode, Series, words};
 pub use package::{
     Answer, ControllerVersion, HEADER_SIZE, MAX_ANSWER, MAX_NAMES, MAX_REQUEST, PROTOCOL, PackageKind, Recipe, Request,
@@ -27,6 +30,8 @@ pub use package::{
 pub use primary::KinematicsInfo;
 pub use program::{ACKNOWLEDGED, INPUTS, Load, Order, PATIENCE_STEPS, PROGRAM, program_name};
 pub use value::{FieldType, IN_USE, NOT_FOUND, Value};
+
+use spherecal_budget::robot::HTTP_BYTES;
 
 /// Why bytes are no package.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -77,6 +82,12 @@ pub enum WireError {
         /// What is read.
         kind: &'static str,
     },
+    /// A message that is no HTTP.
+    #[error("a message of HTTP {fault}")]
+    Http {
+        /// What is wrong with it.
+        fault: &'static str,
+    },
     /// A number that is not finite.
     #[error("the field {field} is not a finite number")]
     NotFinite {
@@ -113,6 +124,18 @@ pub fn fuzz_decode(data: &[u8]) {
         for &kind in FieldType::ALL {
             let fields = vec![(String::new(), kind)];
             let _ = Recipe { fields }.decode(&payload);
+        }
+    }
+    // With its own lines a message may become too long.
+    let again = |bytes: &[u8]| bytes.len() <= HTTP_BYTES;
+    if let Ok(Some(request)) = HttpRequest::decode(data) {
+        let bytes = request.encode("robot");
+        assert!(!again(&bytes) || HttpRequest::decode(&bytes) == Ok(Some(request)));
+    }
+    for closed in [false, true] {
+        if let Ok(Some(answer)) = HttpAnswer::decode(data, closed) {
+            let bytes = answer.encode();
+            assert!(!again(&bytes) || HttpAnswer::decode(&bytes, false) == Ok(Some(answer)));
         }
     }
     let mut received = data.to_vec();

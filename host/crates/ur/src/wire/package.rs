@@ -78,9 +78,29 @@ pub struct ControllerVersion {
 }
 
 impl ControllerVersion {
+    /// The first PolyScope X with torques.
+    pub const POLYSCOPE_X: Self = Self {
+        major: 10,
+        minor: 12,
+        bugfix: 1,
+        build: 0,
+    };
+
+    /// Whether this is PolyScope X: it has a Robot API (since 10.11.0) and no dashboard.
+    pub const fn is_polyscope_x(&self) -> bool {
+        self.major >= Self::POLYSCOPE_X.major
+    }
+
     /// Whether programs have `direct_torque` with scales of the friction: since 5.25.1 and 10.12.1.
     pub fn has_torques(&self) -> bool {
-        let since = if self.major >= 10 { (10, 12, 1) } else { (5, 25, 1) };
+        let Self {
+            major, minor, bugfix, ..
+        } = Self::POLYSCOPE_X;
+        let since = if self.is_polyscope_x() {
+            (major, minor, bugfix)
+        } else {
+            (5, 25, 1)
+        };
         (self.major, self.minor, self.bugfix) >= since
     }
 }

@@ -4,5 +4,6 @@ mod common;
 mod loopback;
 mod official_client;
 mod registers;
+mod robot_api;
 mod torque;
 mod wire;
