@@ -1,6 +1,7 @@
 //! Jobs in real time: what the controller's thread allocates in a minute and measures of itself, and a slow disk.
 
 use std::net::UdpSocket;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
@@ -110,9 +111,17 @@ fn long_a_minute_over_the_fast_robot_interface_allocates_nothing() {
         tolerance: Tolerance::tolerant(),
         ..CabinetConfig::new()
     };
-    let cabinet = start_cabinet(settings, Box::new(arm)).expect("a cabinet");
-    // The application wants its motion from the start on.
-    cabinet.controls().command.store(true, Ordering::Relaxed);
+    let cabinet = Arc::new(start_cabinet(settings, Box::new(arm)).expect("a cabinet"));
+    // A motion that begins while the host still plans is answered by nobody and ends: the application begins the next one.
+    let application = Arc::clone(&cabinet);
+    std::thread::spawn(move || {
+        while Arc::strong_count(&application) > 1 {
+            if application.statistics().session == Some(SessionState::MonitoringReady) {
+                application.controls().command.fetch_xor(true, Ordering::Relaxed);
+            }
+            std::thread::sleep(Duration::from_millis(500));
+        }
+    });
     minute(&config, &Link::Fri(client), || {
         cabinet.statistics().session == Some(SessionState::CommandingActive)
     });
