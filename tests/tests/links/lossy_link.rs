@@ -16,14 +16,11 @@ const BAD: Lossy = Lossy {
     seed: 11,
 };
 
-/// The job over this link. Its commands start 100 ms after their cause: with the default of 60 ms one command in ten thousand comes
-/// too late over the worst link, and says so (`late`).
 fn measured(poses: usize, host_link: Lossy) -> Measurements {
     let mut config = Config::default().on_preset("typical");
     config.plan.poses = poses;
     config.plan.choice = Choice::Grid;
     config.laser.enabled = false;
-    config.campaign.lead_ms = 100;
     config.host_link = host_link;
     plan::measured(&simulated::prepare(&config).expect("a plan"))
 }

@@ -129,7 +129,7 @@ impl<'a> Campaign<'a> {
     /// controller that is new knows nothing of it. Only the arm itself tells for sure where it is: near the place of a
     /// sphere it retreats, which does no harm to a free arm.
     pub(super) fn free_the_nest(&self, session: &mut Session<'_>) -> Result<(), CampaignError> {
-        session.see(SEEN_S)?;
+        session.see(SEEN_S, |_| true)?;
         let attempts = self.assignment.options.attempts.max(1);
         let mut last = None;
         for attempt in 0..attempts {
@@ -345,7 +345,8 @@ impl<'a> Campaign<'a> {
         if let Some(report) = session.carry_out(what, straight)? {
             return Ok(Some(report));
         }
-        session.see(SEEN_S)?;
+        // A motion that is over needs no look. Over a bad link the next command would be late for it.
+        session.see(SEEN_S, |session| !session.rests())?;
         let free = self.sits_at(session).is_none() && self.is_straight(session, target);
         if free || session.sample().is_none() {
             return session.come_to_rest(what, self.motion_limit());

@@ -123,10 +123,12 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Waits for a sample of the control loop, at most for `limit_s` (s): from then on it is known where the arm is.
-    pub(crate) fn see(&mut self, limit_s: f64) -> Result<(), CampaignError> {
+    /// Waits for a sample of the control loop, until it is not `needed`, and at most for `limit_s` (s): from then on it is known
+    /// where the arm is.
+    pub(crate) fn see(&mut self, limit_s: f64, needed: impl Fn(&Self) -> bool) -> Result<(), CampaignError> {
         let start = self.now_us();
-        while self.samples.is_empty() && self.now_us().saturating_sub(start) as f64 * 1e-6 < limit_s {
+        let in_time = |now_us: u64| now_us.saturating_sub(start) as f64 * 1e-6 < limit_s;
+        while self.samples.is_empty() && needed(self) && in_time(self.now_us()) {
             self.check_interrupt()?;
             self.step()?;
         }
