@@ -70,7 +70,10 @@ impl std::fmt::Display for DriveEvent {
                  PolyScope X: in the safety overview, in automatic mode)",
             ),
             Self::UrUnlocking => f.write_str("asking the robot to end the protective stop"),
-            Self::UrUnlockRefused(status) => write!(f, "the robot did not end the protective stop: {}", refused(*status)),
+            Self::UrUnlockRefused(status) => {
+                let remedy = spherecal_ur::client::remedy(*status);
+                write!(f, "the robot did not end the protective stop (HTTP status {status}): {remedy}")
+            }
             Self::UrPersonNeeded(unready) => unready.fmt(f),
             Self::Silent(after) => write!(
                 f,
@@ -86,15 +89,5 @@ impl std::fmt::Display for DriveEvent {
                  beyond its limit"
             ),
         }
-    }
-}
-
-/// Why the Robot API refused, and what to do. 403 is that of local control.
-fn refused(status: u16) -> String {
-    match status {
-        spherecal_ur::wire::HTTP_FORBIDDEN => {
-            "choose remote control at the teach pendant (in the safety overview, in automatic mode)".to_owned()
-        }
-        _ => format!("its Robot API answered with the HTTP status {status}"),
     }
 }

@@ -246,7 +246,7 @@ fn a_robot_api_that_refuses_leaves_the_stop_to_a_person() {
     let count = |wanted: DriveEvent| events.iter().filter(|event| **event == wanted).count();
     let refused = DriveEvent::UrUnlockRefused(HTTP_FORBIDDEN);
     assert_eq!((count(DriveEvent::UrUnlocking), count(refused)), (3, 3), "{events:?}");
-    assert!(refused.to_string().contains("choose remote control"), "{refused}");
+    assert!(refused.to_string().contains("remote control"), "{refused}");
     assert!(
         matches!(events.last(), Some(DriveEvent::UrPersonNeeded(_))),
         "{events:?}"

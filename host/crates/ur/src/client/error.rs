@@ -135,10 +135,10 @@ pub enum ProgramEnd {
     Ended,
 }
 
-/// What a person does where the Robot API answers with this status.
-fn remedy(status: u16) -> &'static str {
+/// What a person does where the Robot API answers with this HTTP status.
+pub const fn remedy(status: u16) -> &'static str {
     match status {
-        HTTP_FORBIDDEN => "choose automatic mode and remote control at the teach pendant",
+        HTTP_FORBIDDEN => "choose automatic mode and remote control at the teach pendant (in the safety overview)",
         _ => "do it at the teach pendant",
     }
 }

@@ -18,7 +18,7 @@ mod torque;
 
 pub use channel::ClientConfig;
 pub use dashboard::{DashboardCommand, ask_dashboard, read_kinematics};
-pub use error::{ClientError, ProgramEnd, Unready};
+pub use error::{ClientError, ProgramEnd, Unready, remedy};
 pub use read_only::ReadOnlyClient;
 pub use robot_api::ask_robot_api;
 pub use state::RobotState;

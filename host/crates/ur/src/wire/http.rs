@@ -1,4 +1,5 @@
-//! As much of HTTP/1.1 as the Robot API of PolyScope X needs: one request and one answer on a connection, then it ends.
+//! As much of HTTP/1.1 as the Robot API of PolyScope X needs: one request and one answer on a connection, then it ends. `httparse`
+//! reads heads and sizes; the bytes come over the virtual network of tests, too, so no client or server of a library is used.
 //!
 //! Source of the format: RFC 9112 (chunks: section 7.1, the length of a body: section 6.3). Redirections are not followed.
 
@@ -22,9 +23,10 @@ pub const HTTP_CONFLICT: u16 = 409;
 
 /// The name of these messages in errors.
 const KIND: &str = "HTTP";
-/// What stands between the head and the body.
-const HEAD_ENDS: &[u8] = b"\r\n\r\n";
+/// What ends a chunk.
 const LINE_ENDS: &[u8] = b"\r\n";
+/// Most fields of a head. Those that are needed have four.
+const FIELDS: usize = 64;
 
 /// What a client asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -61,26 +63,22 @@ impl HttpRequest {
     /// # Errors
     /// A [`WireError`] for bytes that are none, or too many.
     pub fn decode(received: &[u8]) -> Result<Option<Self>, WireError> {
-        let Some(head) = Head::decode(received)? else {
+        bounded(received.len())?;
+        let mut fields = [httparse::EMPTY_HEADER; FIELDS];
+        let mut request = httparse::Request::new(&mut fields);
+        let httparse::Status::Complete(begins) = request.parse(received).map_err(unread)? else {
             return Ok(None);
         };
-        let mut words = head.first.split(' ');
-        let (Some(method), Some(path), Some(version), None) = (words.next(), words.next(), words.next(), words.next())
-        else {
-            return Err(fault("begins with no request"));
-        };
-        if !version.starts_with("HTTP/1.") || method.is_empty() {
-            return Err(fault("begins with no request"));
-        }
+        let body = &received[begins..];
         // A request without a length has no body.
-        let body = if head.chunked {
-            chunks(head.body)?
-        } else {
-            head.body.get(..head.length.unwrap_or(0)).map(<[u8]>::to_vec)
+        let body = match Size::of(request.headers)? {
+            Size::Chunks => chunks(body)?,
+            Size::Bytes(length) => body.get(..length).map(<[u8]>::to_vec),
+            Size::Unknown => Some(Vec::new()),
         };
         Ok(body.map(|body| Self {
-            method: method.to_owned(),
-            path: path.to_owned(),
+            method: request.method.unwrap_or_default().to_owned(),
+            path: request.path.unwrap_or_default().to_owned(),
             body,
         }))
     }
@@ -105,24 +103,21 @@ impl HttpAnswer {
                 Ok(None)
             }
         };
-        let Some(head) = Head::decode(received)? else {
+        bounded(received.len())?;
+        let mut fields = [httparse::EMPTY_HEADER; FIELDS];
+        let mut answer = httparse::Response::new(&mut fields);
+        let httparse::Status::Complete(begins) = answer.parse(received).map_err(unread)? else {
             return cut("head");
         };
-        let mut words = head.first.split(' ');
-        let version = words.next().is_some_and(|version| version.starts_with("HTTP/1."));
-        let status = words.next().and_then(|status| status.parse().ok());
-        let Some(status) = status.filter(|status| version && (100..600).contains(status)) else {
-            return Err(fault("begins with no status"));
+        let Some(status) = answer.code.filter(|status| (100..600).contains(status)) else {
+            return Err(fault("has no status"));
         };
-        let body = if status == NO_CONTENT {
-            Some(Vec::new())
-        } else if head.chunked {
-            chunks(head.body)?
-        } else {
-            match head.length {
-                Some(length) => head.body.get(..length).map(<[u8]>::to_vec),
-                None => closed.then(|| head.body.to_vec()),
-            }
+        let body = &received[begins..];
+        let body = match Size::of(answer.headers)? {
+            _ if status == NO_CONTENT => Some(Vec::new()),
+            Size::Chunks => chunks(body)?,
+            Size::Bytes(length) => body.get(..length).map(<[u8]>::to_vec),
+            Size::Unknown => closed.then(|| body.to_vec()),
         };
         body.map_or_else(|| cut("body"), |body| Ok(Some(Self { status, body })))
     }
@@ -154,70 +149,60 @@ fn bounded(size: usize) -> Result<(), WireError> {
     Ok(())
 }
 
-/// Where the first of these bytes begin.
-fn find(bytes: &[u8], what: &[u8]) -> Option<usize> {
-    bytes.windows(what.len()).position(|part| part == what)
+fn unread(error: httparse::Error) -> WireError {
+    fault(match error {
+        httparse::Error::TooManyHeaders => "has too many fields",
+        _ => "cannot be read",
+    })
 }
 
-/// What stands before the body, and what has come behind it.
-struct Head<'a> {
-    first: &'a str,
-    length: Option<usize>,
-    chunked: bool,
-    body: &'a [u8],
+/// What the fields of a head say of the body.
+enum Size {
+    Bytes(usize),
+    Chunks,
+    Unknown,
 }
 
-impl<'a> Head<'a> {
-    fn decode(received: &'a [u8]) -> Result<Option<Self>, WireError> {
-        bounded(received.len())?;
-        let Some(end) = find(received, HEAD_ENDS) else {
-            return Ok(None);
-        };
-        let (text, body) = (&received[..end], &received[end + HEAD_ENDS.len()..]);
-        let text = std::str::from_utf8(text).map_err(|_| WireError::Text { kind: KIND })?;
-        let mut lines = text.split("\r\n");
-        let mut head = Self {
-            first: lines.next().unwrap_or_default(),
-            length: None,
-            chunked: false,
-            body,
-        };
-        for line in lines {
-            let (name, value) = line.split_once(':').ok_or_else(|| fault("has a line without a name"))?;
-            let value = value.trim();
-            if name.eq_ignore_ascii_case("Content-Length") {
+impl Size {
+    fn of(fields: &[httparse::Header<'_>]) -> Result<Self, WireError> {
+        let mut size = Self::Unknown;
+        for field in fields {
+            let value = std::str::from_utf8(field.value).unwrap_or_default().trim();
+            if field.name.eq_ignore_ascii_case("Content-Length") {
                 let length = value.parse().map_err(|_| fault("has a length that is no number"))?;
                 bounded(length)?;
-                if head.length.replace(length).is_some_and(|before| before != length) {
-                    return Err(fault("has two lengths"));
+                match size {
+                    Self::Bytes(before) if before != length => return Err(fault("has two lengths")),
+                    Self::Chunks => {}
+                    _ => size = Self::Bytes(length),
                 }
-            } else if name.eq_ignore_ascii_case("Transfer-Encoding") {
-                head.chunked = value.eq_ignore_ascii_case("chunked");
-                if !head.chunked {
+            } else if field.name.eq_ignore_ascii_case("Transfer-Encoding") {
+                if !value.eq_ignore_ascii_case("chunked") {
                     return Err(fault("has an encoding that is not known here"));
                 }
+                size = Self::Chunks;
             }
         }
-        Ok(Some(head))
+        Ok(size)
     }
 }
 
 /// The body in these chunks. `None` while the last one has not come.
 fn chunks(mut bytes: &[u8]) -> Result<Option<Vec<u8>>, WireError> {
     let mut body = Vec::new();
-    while let Some(end) = find(bytes, LINE_ENDS) {
-        let size = std::str::from_utf8(&bytes[..end]).unwrap_or_default();
-        let size = size.split(';').next().unwrap_or_default().trim();
-        let size = usize::from_str_radix(size, 16).map_err(|_| fault("has a chunk without a size"))?;
+    loop {
+        let size = httparse::parse_chunk_size(bytes).map_err(|_| fault("has a chunk without a size"))?;
+        let httparse::Status::Complete((begins, size)) = size else {
+            return Ok(None);
+        };
+        let size = usize::try_from(size).unwrap_or(usize::MAX);
         bounded(size)?;
         if size == 0 {
             return Ok(Some(body));
         }
-        let Some(rest) = bytes.get(end + LINE_ENDS.len()..) else {
-            break;
-        };
+        let rest = &bytes[begins..];
         let (Some(chunk), Some(behind)) = (rest.get(..size), rest.get(size..size + LINE_ENDS.len())) else {
-            break;
+            return Ok(None);
         };
         if behind != LINE_ENDS {
             return Err(fault("has a chunk of another size than it says"));
@@ -225,5 +210,4 @@ fn chunks(mut bytes: &[u8]) -> Result<Option<Vec<u8>>, WireError> {
         body.extend_from_slice(chunk);
         bytes = &rest[size + LINE_ENDS.len()..];
     }
-    Ok(None)
 }

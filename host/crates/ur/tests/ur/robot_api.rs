@@ -163,7 +163,6 @@ fn hostile_answers_are_typed_errors_in_time() {
     type Right = fn(&ClientError) -> bool;
     let http: Right = |error| matches!(error, ClientError::Wire(WireError::Http { .. }));
     let size: Right = |error| matches!(error, ClientError::Wire(WireError::Size { .. }));
-    let text: Right = |error| matches!(error, ClientError::Wire(WireError::Text { .. }));
     let cut: Right = |error| matches!(error, ClientError::Wire(WireError::Cut { .. }));
     let silent: Right = |error| matches!(error, ClientError::NoAnswer { interface, .. } if *interface == "Robot API");
     let refused: Right = |error| matches!(error, ClientError::RobotApi { status: 500, .. });
@@ -218,7 +217,8 @@ fn hostile_answers_are_typed_errors_in_time() {
         (b"HTTP/1.1 99 \r\n\r\n", false, http),
         (b"Connected: Universal Robots Dashboard Server\r\n\r\n", false, http),
         (b"HTTP/1.1 200 OK\r\nno colon\r\n\r\n", false, http),
-        (b"HTTP/1.1 200 \xff\r\n\r\n", false, text),
+        (b"HTTP/1.1 200 \xff\r\n\r\n", false, silent),
+        (b"HTTP/1.1 200 \x01\r\n\r\n", false, http),
         (&large, false, size),
         (b"HTTP/1.1 200 OK\r\nContent-Length: 4\r\n\r\ntrue", false, http),
         (
