@@ -41,7 +41,7 @@ impl ArmHardware for Joints {
     fn step(&mut self, command: ArmCommand, step_s: f64) -> ArmState {
         self.torque = match command {
             ArmCommand::Torque(torque) => torque,
-            ArmCommand::Hold => {
+            ArmCommand::Hold | ArmCommand::Follow(..) => {
                 self.qd = [0.0; JOINTS];
                 [0.0; JOINTS]
             }

@@ -28,7 +28,7 @@ pub struct RobotStatistics {
     pub programs: u64,
     /// Scripts that are none of those that this side runs.
     pub refused: u64,
-    /// Control steps in which the arm followed torques.
+    /// Control steps in which the arm followed torques or the position control.
     pub followed: u64,
     /// Programs that ended by themselves: their numbers stayed away.
     pub silent: u64,
@@ -167,6 +167,16 @@ pub enum ArmCommand {
     Hold,
     /// Follow these torques, N m. The arm adds what holds it and its load.
     Torque([f64; JOINTS]),
+    /// Follow these angles, rad, and velocities, rad/s, with the robot's own position control.
+    Follow([f64; JOINTS], [f64; JOINTS]),
+}
+
+/// What a program does in a control step.
+pub(super) enum Step {
+    /// It goes on, and the arm does this.
+    Runs(ArmCommand),
+    /// It has ended; with words for its client if something is wrong.
+    Ends(Option<String>),
 }
 
 /// An arm that the robot moves.

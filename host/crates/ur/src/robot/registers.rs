@@ -18,6 +18,22 @@ impl Registers {
         self.values.get(name).copied()
     }
 
+    /// An integer; 0 if nothing was written.
+    pub(super) fn integer(&self, name: &str) -> i32 {
+        match self.value(name) {
+            Some(Value::Int32(value)) => value,
+            _ => 0,
+        }
+    }
+
+    /// A double; 0 if nothing was written.
+    pub(super) fn double(&self, name: &str) -> f64 {
+        match self.value(name) {
+            Some(Value::Double(value)) => value,
+            _ => 0.0,
+        }
+    }
+
     /// Sets an output register: a program does.
     pub(super) fn set(&mut self, name: &str, value: Value) {
         match self.values.get_mut(name) {

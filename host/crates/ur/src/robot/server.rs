@@ -7,11 +7,12 @@ use std::time::{Duration, Instant};
 
 use spherecal_cyclic::{Listener, PeriodClock, Process, Published, Side};
 
-use super::controls::{ArmCommand, ArmHardware, Controls, RobotConfig, RobotStatistics};
+use super::controls::{ArmCommand, ArmHardware, Controls, RobotConfig, RobotStatistics, Step};
 use super::outputs::{Outputs, known};
 use super::ports::{Ports, Session, Wanted, open};
-use super::programs::{Program, Step, torque_order};
+use super::programs::{Program, torque_order};
 use super::registers::Registers;
+use crate::JOINTS;
 use crate::wire::{
     Answer, MAX_NAMES, MAX_REQUEST, NOT_FOUND, PROTOCOL, Recipe, Request, RobotMode, RuntimeState, SafetyMode, Setup,
     TextLevel, TextMessage, Value, WireError, program_name, take_package,
@@ -193,13 +194,9 @@ impl RobotServer {
             self.count.after_stop += u64::from(after);
             return ArmCommand::Hold;
         };
-        match program.step(&mut self.registers) {
-            Step::Runs(ArmCommand::Torque(torque))
-                if torque
-                    .iter()
-                    .zip(&self.config.limits)
-                    .any(|(torque, limit)| torque.is_nan() || torque.abs() > limit.1) =>
-            {
+        let (arm, step_s) = (self.arm.state(), self.clock.period().as_secs_f64());
+        match program.step(&mut self.registers, &arm, step_s) {
+            Step::Runs(command) if beyond(&command, &self.config.limits) => {
                 self.protective_stop();
                 ArmCommand::Hold
             }
@@ -337,6 +334,16 @@ impl RobotServer {
                 self.count.packages += 1;
             }
         }
+    }
+}
+
+/// Whether a program asks for more speed or torque than these limits, or for what is no number.
+fn beyond(command: &ArmCommand, limits: &[(f64, f64); JOINTS]) -> bool {
+    let over = |value: f64, limit: f64| value.is_nan() || value.abs() > limit;
+    match command {
+        ArmCommand::Hold => false,
+        ArmCommand::Torque(torque) => (0..JOINTS).any(|j| over(torque[j], limits[j].1)),
+        ArmCommand::Follow(q, qd) => (0..JOINTS).any(|j| q[j].is_nan() || over(qd[j], limits[j].0)),
     }
 }
 

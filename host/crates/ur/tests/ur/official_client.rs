@@ -98,6 +98,7 @@ impl ArmHardware for Joints {
         for j in 0..6 {
             let torque = match command {
                 ArmCommand::Torque(torque) => torque[j],
+                ArmCommand::Follow(q, qd) => 40.0 * (q[j] - self.q[j]) + 8.0 * (qd[j] - self.qd[j]),
                 ArmCommand::Hold => {
                     self.qd[j] = 0.0;
                     0.0
@@ -129,4 +130,18 @@ fn timed_ur_rtde_commands_the_torques_of_the_robot_side() {
     let statistics = side.shut_down();
     assert_eq!((statistics.broken, statistics.limits), (0, 0));
     assert!(statistics.followed > 2000, "{statistics:?}");
+}
+
+// Fails if `servoJ` of the client leaves its path, `speedJ` is not stopped, or `moveJ` does not end at its target.
+#[test]
+#[ignore = "timed: the gate runs it"]
+fn timed_ur_rtde_moves_the_robot_side() {
+    let Some(python) = python() else { return };
+    let _turn = ports();
+    let arm = Joints { q: POSE, qd: [0.0; 6] };
+    let side =
+        start_robot(RobotConfig::new(Series::ESeries, calibration()), Box::new(arm)).expect("port 30004 is free");
+    run(&python, "ur_moves.py", None);
+    let statistics = side.shut_down();
+    assert_eq!((statistics.broken, statistics.limits), (0, 0));
 }

@@ -42,7 +42,7 @@ impl Told {
         let told = self.0.lock().expect("a lock");
         let torque = |command: &ArmCommand| match command {
             ArmCommand::Torque(torque) => Some(torque[0]),
-            ArmCommand::Hold => None,
+            ArmCommand::Hold | ArmCommand::Follow(..) => None,
         };
         told.0[told.0.len() - count..].iter().map(torque).collect()
     }
