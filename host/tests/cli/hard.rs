@@ -67,6 +67,14 @@ const CASES: [(&str, &str, &str); 14] = [
 
 /// Fails if a run of so many poses on one of these arms does not finish, loses a pose, or has more than two faults.
 fn all_finish(cases: &[(&str, &str, &str)], poses: u32) {
+    for ((name, ..), faults) in cases.iter().zip(faults(cases, poses)) {
+        assert!(faults <= 2, "{name}: {faults} faults");
+    }
+}
+
+/// Faults of each run of so many poses. Fails if one does not finish, or loses a pose.
+fn faults(cases: &[(&str, &str, &str)], poses: u32) -> Vec<usize> {
+    let mut counts = Vec::new();
     let folder = tempfile::tempdir().expect("a folder");
     for (case, (name, seed, plant)) in cases.iter().enumerate() {
         std::fs::write(folder.path().join("cell.toml"), plant).expect("written");
@@ -89,8 +97,9 @@ fn all_finish(cases: &[(&str, &str, &str)], poses: u32) {
         let faults = summary["faults"].as_array().map_or(99, Vec::len);
         println!("{name}: {} poses, {faults} faults", summary["poses"]["recorded"]);
         assert_eq!(summary["poses"]["recorded"], poses, "{name}: {}", text(&run.stderr));
-        assert!(faults <= 2, "{name}: {}", summary["faults"]);
+        counts.push(faults);
     }
+    counts
 }
 
 /// One of each kind: everything at once, elasticity, friction, and delay.
@@ -198,10 +207,12 @@ fn slow_disturbed_arms_finish() {
     all_finish(&[cases[0], cases[1], cases[3]], 6);
 }
 
-// Fails if one of three arms does not finish a run with one of these errors, loses a pose, or has more than two faults.
+// Fails if one of three arms does not finish a run with one of these errors or loses a pose, or if more than two of the 45 runs have a
+// third fault, or one a fourth.
 #[test]
 #[ignore = "long: scripts/test --long runs it"]
 fn long_disturbed_arms_finish() {
+    let mut counts = Vec::new();
     for robot in ["iiwa7", "fr3", "ur5e"] {
         let cases = disturbed(robot);
         for seed in ["1", "2", "3"] {
@@ -209,9 +220,12 @@ fn long_disturbed_arms_finish() {
                 .iter()
                 .map(|(name, plant)| (name.as_str(), seed, plant.as_str()))
                 .collect();
-            all_finish(&cases, 30);
+            counts.extend(faults(&cases, 30));
         }
     }
+    let most = counts.iter().max();
+    let three = counts.iter().filter(|count| **count > 2).count();
+    assert!(most <= Some(&3) && three <= 2, "{counts:?}");
 }
 
 // Fails if one of three arms that hide their motors does not finish a run on a drive that answers later than it declares, by 3 or 4 ms

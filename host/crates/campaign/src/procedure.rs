@@ -259,7 +259,7 @@ impl<'a> Campaign<'a> {
             let slower = self.slower_turn(&report, again);
             let new = self.recorded > before || slower.is_some();
             in_vain = if new { 1 } else { in_vain + 1 };
-            if Waypoints::helps(report.fault) {
+            if Waypoints::helps(&report) {
                 missed += 1;
                 let contact = session.contacts.get(contacts..).and_then(<[_]>::last);
                 let last = DescentEnd::new(contact, session.sample().map(|s| s.tcp_m));

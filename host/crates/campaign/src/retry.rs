@@ -7,7 +7,7 @@
 //! judged by the direction in which the nest was pushed.
 
 use nalgebra::Vector3;
-use spherecal_shared::protocol::host::{Contact, Coupled, Fault, FaultReport};
+use spherecal_shared::protocol::host::{Contact, Coupled, Fault, FaultReport, Phase};
 use spherecal_shared::robot::{Robot, Tool};
 
 use spherecal_model::chain::{Chain, TcpPose};
@@ -76,9 +76,14 @@ impl Waypoints {
         self.chain.as_ref()
     }
 
-    /// Whether another place may help against a fault.
-    pub fn helps(fault: Fault) -> bool {
-        matches!(fault, Fault::NotSeated | Fault::NoContact)
+    /// Whether another place may help against a fault: the nest did not meet its sphere, or it bounced there until that passed for an
+    /// oscillation.
+    pub fn helps(report: &FaultReport) -> bool {
+        match report.fault {
+            Fault::NotSeated | Fault::NoContact => true,
+            Fault::Unstable => report.phase == Phase::Coupling,
+            _ => false,
+        }
     }
 
     /// Takes the seat of a nest that coupled at a visit.
@@ -221,6 +226,24 @@ mod tests {
         assert!(places.iter().all(|p| (p.norm() - RING_M).abs() < 1e-9));
         // Without any contact there is still another place.
         assert!((shift(&waypoints, &visit, 1, &DescentEnd::default()).norm() - RING_M).abs() < 1e-9);
+    }
+
+    // Fails if a nest that bounced beside its seat tries the same descent again, or an arm that swings in free space another one.
+    #[test]
+    fn a_nest_that_bounced_tries_another_place() {
+        let report = |fault, phase| FaultReport {
+            fault,
+            phase,
+            time_us: 0,
+            tick: 0,
+            joint: 6,
+            value: 0.0,
+            limit: 0.0,
+        };
+        assert!(Waypoints::helps(&report(Fault::Unstable, Phase::Coupling)));
+        assert!(Waypoints::helps(&report(Fault::NoContact, Phase::Approaching)));
+        assert!(!Waypoints::helps(&report(Fault::Unstable, Phase::Moving)));
+        assert!(!Waypoints::helps(&report(Fault::Drive, Phase::Coupling)));
     }
 
     // Fails if a retry does not go to the offset found for this sphere, or else for the others, or

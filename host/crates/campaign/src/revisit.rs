@@ -162,7 +162,7 @@ impl Campaign<'_> {
                 CouplingEnd::Fault(report) => report,
             };
             failed += 1;
-            if Waypoints::helps(report.fault) {
+            if Waypoints::helps(&report) {
                 let contact = session.contacts.get(contacts..).and_then(<[_]>::last);
                 let last = DescentEnd::new(contact, session.sample().map(|s| s.tcp_m));
                 approach = self.waypoints.retry(visit, failed, &last);
