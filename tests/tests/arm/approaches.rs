@@ -89,13 +89,13 @@ fn attempt(rig: &mut Rig, direction: Vector3<f64>, outcome: &mut Outcome) -> boo
 /// the next descent begins, by what the host knows.
 fn retreat(rig: &mut Rig, waypoints: &Waypoints, visit: &Visit, missed: &mut u32) -> (Option<Fault>, [f64; 7]) {
     let mut latest = rig.events.iter().rev();
-    let fault = latest.find_map(|e| if let Event::Fault(f) = e { Some(f.fault) } else { None });
+    let report = latest.find_map(|e| if let Event::Fault(f) = e { Some(f) } else { None });
     let contact = latest.find_map(|e| if let Event::Contact(c) = e { Some(c) } else { None });
     let arm = nominal();
     let tcp = arm.tcp_frame(&arm.frames(&rig.plant.sensed().q)).position;
     let last = DescentEnd::new(contact, Some([tcp.x as f32, tcp.y as f32, tcp.z as f32]));
-    let mut from = visit.approach.joints.clone();
-    if fault.is_some_and(Waypoints::helps) {
+    let (fault, mut from) = (report.map(|report| report.fault), visit.approach.joints.clone());
+    if report.is_some_and(Waypoints::helps) {
         *missed += 1;
         from = waypoints.retry(visit, *missed, &last);
     }
