@@ -28,7 +28,7 @@ pub struct RobotStatistics {
     pub programs: u64,
     /// Scripts that are none of those that this side runs.
     pub refused: u64,
-    /// Control steps in which the arm followed torques or the position control.
+    /// Control steps in which the arm followed torques.
     pub followed: u64,
     /// Programs that ended by themselves: their numbers stayed away.
     pub silent: u64,

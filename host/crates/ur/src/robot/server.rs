@@ -105,7 +105,7 @@ impl RobotServer {
         if self.program.is_some() && arm.qd.iter().zip(limits).any(|(speed, limit)| speed.abs() > limit.0) {
             self.protective_stop();
         }
-        self.count.followed += u64::from(command != ArmCommand::Hold);
+        self.count.followed += u64::from(matches!(command, ArmCommand::Torque(_)));
         self.count.clients = self.sessions.len();
         self.count.slipped = self.clock.slipped();
         self.count.runs = self.program.is_some();
