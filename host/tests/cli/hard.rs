@@ -207,12 +207,14 @@ fn slow_disturbed_arms_finish() {
     all_finish(&[cases[0], cases[1], cases[3]], 6);
 }
 
-// Fails if one of three arms does not finish a run with one of these errors or loses a pose, or if more than two of the 45 runs have a
-// third fault, or one a fourth.
+/// Runs with a third fault, where two are asked for: `docs/design/control.md` has the matrix.
+const THIRD_FAULT: [(&str, &str); 2] = [("fr3, cables", "3"), ("ur5e, play of 1 %", "1")];
+
+// Fails if one of three arms does not finish a run with one of these errors, loses a pose, or has more than two faults; more than three
+// where that is known.
 #[test]
 #[ignore = "long: scripts/test --long runs it"]
 fn long_disturbed_arms_finish() {
-    let mut counts = Vec::new();
     for robot in ["iiwa7", "fr3", "ur5e"] {
         let cases = disturbed(robot);
         for seed in ["1", "2", "3"] {
@@ -220,12 +222,12 @@ fn long_disturbed_arms_finish() {
                 .iter()
                 .map(|(name, plant)| (name.as_str(), seed, plant.as_str()))
                 .collect();
-            counts.extend(faults(&cases, 30));
+            for ((name, ..), faults) in cases.iter().zip(faults(&cases, 30)) {
+                let most = if THIRD_FAULT.contains(&(*name, seed)) { 3 } else { 2 };
+                assert!(faults <= most, "{name}, seed {seed}: {faults} faults");
+            }
         }
     }
-    let most = counts.iter().max();
-    let three = counts.iter().filter(|count| **count > 2).count();
-    assert!(most <= Some(&3) && three <= 2, "{counts:?}");
 }
 
 // Fails if one of three arms that hide their motors does not finish a run on a drive that answers later than it declares, by 3 or 4 ms
