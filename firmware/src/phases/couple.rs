@@ -306,8 +306,8 @@ mod tests {
         let (next, cartesian) = verify(0.0014, 0.15, 0);
         assert!(matches!(next, Next::Stay));
         let force = cartesian.setpoint.feed_forward.fixed_rows::<3>(0).into_owned();
-        // Half of 5 N, after a quarter of 0.6 s.
-        assert!((force - Vector3::new(0.0, -0.6, 0.8) * 2.5).norm() < 1e-9, "{force}");
+        // Half of 10 N, after a quarter of 0.6 s.
+        assert!((force - Vector3::new(0.0, -0.6, 0.8) * 5.0).norm() < 1e-9, "{force}");
         assert!(matches!(
             verify(0.0016, 0.15, 1).0,
             Next::Enter(Activity::Coupling(Coupling { searches: 2, .. }), None)

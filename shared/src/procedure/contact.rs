@@ -188,7 +188,8 @@ pub struct Seating {
     pub speed_m_s: f64,
     /// Time for which one of the two must last, in s.
     pub dwell_s: f64,
-    /// Test pull after coupling, in N, well below the magnet's 26.5 N.
+    /// Test pull after coupling, in N: like `check_n` more than the joints' friction at the TCP, which bears 5 N of a nest beside
+    /// its sphere, and well below the magnet's 26.5 N.
     pub test_n: f64,
     /// Duration of the test pull, in s.
     pub test_s: f64,
@@ -211,7 +212,7 @@ impl Default for Seating {
             window_m: 0.005,
             speed_m_s: 0.015,
             dwell_s: 0.010,
-            test_n: 5.0,
+            test_n: 10.0,
             test_s: 0.6,
             test_m: 0.0015,
             check_n: 10.0,

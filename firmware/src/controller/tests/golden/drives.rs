@@ -37,7 +37,7 @@ pub(super) const ALL: &[Scenario] = &[
         let change = |hello: &mut DriveHello| {
             hello.limits[0].max_rad = 0.25;
             hello.limits[0].velocity_rad_s = 0.4;
-            hello.limits[1].torque_nm = 62.0;
+            hello.limits[1].torque_nm = 65.0;
         };
         on(change, 0, 1_000)
     }),

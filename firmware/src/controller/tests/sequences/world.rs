@@ -75,7 +75,7 @@ fn procedure() -> Procedure {
     let mut procedure = Bench::fast_procedure();
     procedure.approach.tare_s = 0.05;
     procedure.couple.hold_s = 0.05;
-    procedure.seating.test_s = 0.1;
+    procedure.seating.test_s = 0.2;
     procedure.record.samples = 30;
     procedure.limits.host_silence_s = 0.05;
     procedure
