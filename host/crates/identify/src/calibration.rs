@@ -140,6 +140,8 @@ pub(crate) struct Inner {
     pub(crate) columns: Vec<usize>,
     /// Variance of the joint noise that stays in every pose, in rad².
     pub(crate) joint_variance: f64,
+    /// Variance of shifts of the tool that no joint makes, in m²; 0 where no row has several targets.
+    pub(crate) shift_variance: f64,
     /// Where the search ended.
     pub(crate) ends: Ends,
     /// Whether the fit took the joints' torques from the data.
@@ -220,6 +222,7 @@ impl Calibration {
         for column in joints {
             covariance += column * column.transpose() * inner.joint_variance;
         }
+        covariance += Matrix3::from_diagonal_element(inner.shift_variance);
         covariance += self
             .open
             .covariance(&picked.rows(0, free).into_owned())

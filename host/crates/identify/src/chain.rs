@@ -93,6 +93,12 @@ impl Prepared {
         3.0 * (1 + self.further.len()) as f64
     }
 
+    /// Whether the row has more targets than one.
+    #[inline]
+    pub(crate) fn has_several(&self) -> bool {
+        self.further.iter().any(|seen| matches!(seen, Seen::Target { .. }))
+    }
+
     /// The part that leads the row.
     pub(crate) fn leading(&self) -> RowPart {
         RowPart::Target(self.lead)

@@ -1,6 +1,7 @@
 //! From a fit to its result.
 
 use super::calibration::{Calibration, FramePose, Inner, NoiseFound, ParameterEstimate};
+use super::chain::Prepared;
 use super::hierarchy::{self, Fit};
 use super::options::{Model, Options};
 use super::residuals::residuals;
@@ -103,6 +104,11 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
             nominal: nominal.clone(),
             columns: fit.unknowns.columns.clone(),
             joint_variance: joint_noise,
+            shift_variance: if fit.prepared.iter().any(Prepared::has_several) {
+                fit.whitening.tool[0]
+            } else {
+                0.0
+            },
             ends: fit.ends.clone(),
             measured_torque: hierarchy::measured(experiment, nominal, options.torque),
         },

@@ -12,7 +12,8 @@
 //! rows: `H_ij = Σ w s_ij φ_i φ_jᵀ`. Cost and memory are linear in the poses;
 //! nothing is poses by poses.
 //!
-//! The parts of one row (several targets, or position and orientation) share the joint noise. They
+//! The parts of one row (several targets, or position and orientation) share the joint noise, and several targets shifts and turns
+//! of the tool. They
 //! are whitened one after the other, each given those before it, and then count as residuals of
 //! their own with the same `φ_j`.
 

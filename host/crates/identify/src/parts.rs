@@ -18,6 +18,8 @@ pub(crate) struct Block {
     pub(crate) part: RowPart,
     /// Columns of the joint angles.
     pub(crate) joints: [Vector3<f64>; N],
+    /// Where the target is, seen from the leading one, in m; none of an orientation, and of a row with one target.
+    pub(crate) arm: Option<Vector3<f64>>,
     /// Model minus measurement.
     pub(crate) residual: Vector3<f64>,
     /// Line of sight: see [`Own::sight`](crate::normal::Own::sight).
@@ -167,24 +169,27 @@ impl State {
     pub(crate) fn further(&self, n: usize, observation: &Prepared, k: &Kinematics) -> Vec<Block> {
         let block = |seen: &Seen| {
             let mut joints = [Vector3::zeros(); N];
-            let (residual, sight) = match *seen {
+            let (arm, residual, sight) = match *seen {
                 Seen::Target { number, at } => {
+                    let leading = k.tcp;
                     let k = self.moved(k, &observation.load, number);
                     for (column, frame) in joints.iter_mut().zip(&k.frames[..n]) {
                         *column = frame.z().cross(&(k.tcp - frame.position));
                     }
-                    (self.off(observation, &k, &at), self.sight(observation, &at))
+                    let arm = Some(k.tcp - leading);
+                    (arm, self.off(observation, &k, &at), self.sight(observation, &at))
                 }
                 Seen::Body(measured) => {
                     for (column, frame) in joints.iter_mut().zip(&k.frames[..n]) {
                         *column = frame.z();
                     }
-                    (self.turned_off(observation, k, &measured), Vector3::zeros())
+                    (None, self.turned_off(observation, k, &measured), Vector3::zeros())
                 }
             };
             Block {
                 part: seen.part(),
                 joints,
+                arm,
                 residual,
                 sight,
             }
@@ -202,6 +207,7 @@ impl State {
         let leading = Block {
             part: observation.leading(),
             joints,
+            arm: observation.has_several().then(Vector3::zeros),
             residual: self.residual(observation, &k.tcp),
             sight: self.sight(observation, &observation.target),
         };

@@ -83,21 +83,23 @@ pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
         let own = fit
             .whitening
             .leading(observation, state.sight(observation, &observation.target));
-        let root = Root::new(&fit.whitening.covariance(&columns[..layout.n], &own));
+        let shared = fit
+            .whitening
+            .shared(&columns[..layout.n], observation.has_several().then(Vector3::zeros));
+        let root = Root::new(&fit.whitening.covariance(&shared, &own));
         let residual = state.residual(observation, &k.tcp);
         let residual = residual + fit.by_causes.get(&observation.index).copied().unwrap_or_default();
+        let white = root.times(&residual);
         // Of more rows than the causes were tested in, the others are held against the noise of the fit.
-        let white = match fit.left.get(&observation.index) {
-            Some(left) => root.times(left),
-            None => root.times(&(residual * fit.cross.white)),
-        };
-        let deviation = if observation.further.is_empty() {
-            white.norm()
-        } else {
-            let blocks = state.further(layout.n, observation, &k);
-            let joints = columns.map(|column| root.times(&column));
-            let (rest, _) = fit.whitening.further_parts(layout.n, joints, white, &blocks);
-            ((white.norm_squared() + rest) * 3.0 / observation.numbers()).sqrt()
+        let deviation = match fit.left.get(&observation.index) {
+            Some(left) => left.sqrt(),
+            None if observation.further.is_empty() => white.norm() * fit.cross.white,
+            None => {
+                let blocks = state.further(layout.n, observation, &k);
+                let shared = shared.iter().map(|column| root.times(column)).collect();
+                let (rest, _) = fit.whitening.further_parts(layout.n, shared, white, &blocks);
+                ((white.norm_squared() + rest) * 3.0 / observation.numbers()).sqrt() * fit.cross.white
+            }
         };
         let rotation = state.bases.get(observation.reference).map(|b| b.rotation);
         let error = rotation.unwrap_or_else(Matrix3::identity) * residual * 1000.0;

@@ -145,7 +145,7 @@ pub(crate) fn explain(
     fit.replace_posterior(mean, covariance);
     (fit.cross.size_rad, fit.cross.white) = (size_rad, white);
     fit.by_causes = unwhitened(&linear, &found.model.displaced(before_causes));
-    fit.left = unwhitened(&linear, &(found.model.displaced(0) - &linear.y));
+    fit.left = left(&linear, &(found.model.displaced(0) - &linear.y));
     let families = if known.findings.is_empty() {
         found.families
     } else {
@@ -191,6 +191,18 @@ fn unwhitened(linear: &Linear, whitened: &DVector<f64>) -> BTreeMap<usize, Vecto
     leading
         .map(|(k, row)| (row.index, row.root.inverse() * whitened.fixed_rows::<3>(3 * k)))
         .collect()
+}
+
+/// Squared length of each observation's whitened residual without its robust weight, scaled to three numbers.
+fn left(linear: &Linear, whitened: &DVector<f64>) -> BTreeMap<usize, f64> {
+    let mut sums: BTreeMap<usize, (f64, f64)> = BTreeMap::new();
+    for (k, row) in linear.rows.iter().enumerate() {
+        let (sum, targets) = sums.entry(row.index).or_default();
+        *sum += whitened.fixed_rows::<3>(3 * k).norm_squared() / row.weight;
+        *targets += 1.0;
+    }
+    let scaled = sums.into_iter().map(|(index, (sum, targets))| (index, sum / targets));
+    scaled.collect()
 }
 
 /// Centre of mass of the tool seen from the TCP, in m: half way to the flange where the tool has no mass.

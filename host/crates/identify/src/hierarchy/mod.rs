@@ -73,8 +73,8 @@ pub(crate) struct Fit {
     pub(crate) by_causes: BTreeMap<usize, Vector3<f64>>,
     /// How far named causes in the cell displace observations.
     pub(crate) displaced: Displacements,
-    /// Residuals (m, F0) that causes and [`Self::cross`] leave.
-    pub(crate) left: BTreeMap<usize, Vector3<f64>>,
+    /// Squared length of the whitened residual that causes and [`Self::cross`] leave, scaled to three numbers.
+    pub(crate) left: BTreeMap<usize, f64>,
     /// How well the sizes of the groups are known.
     pub(crate) open: OpenSizes,
     /// Log evidence (Laplace) at the estimated noise, up to a constant of the data. Each row counts as one, so that fits of the

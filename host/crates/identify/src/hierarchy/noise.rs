@@ -1,7 +1,8 @@
 //! The noise of a row: of the joints, of each instrument, and the tails of both.
 //!
 //! A row's covariance is `C = σ_q² J Jᵀ + diag(σ_k² I)`, with the joint noise that all its parts share and each part's own
-//! noise. `C` turns with the posture, so the data separate the two. Each variance is updated by one step of the MM algorithm
+//! noise. Several targets also share shifts and turns of the tool that no joint makes: between them the instrument has hardly any noise,
+//! and where the arm is singular, what no joint makes would rule the fit. `C` turns with the posture, so the data separate the two. Each variance is updated by one step of the MM algorithm
 //! of Zhou, Hu, Zhou and Lange (2019) on the restricted likelihood: with the residual `r`, weight `w` and the model's own
 //! uncertainty `G = A P Aᵀ` at a row,
 //!
@@ -24,12 +25,15 @@ use crate::parts::Block;
 use crate::seen::RowPart;
 use crate::solve::{Posterior, Unknowns};
 
-/// Numbers of the variances: joints, contacts, targets (across the line of sight), body, targets along it.
+/// Numbers of the variances: joints, contacts, targets (across the line of sight), body, targets along it, shifts and turns of the
+/// tool.
 const JOINT: usize = 0;
 const SEATING: usize = 1;
 const BODY: usize = 2 + MOST_TARGETS;
 const ALONG: usize = 3 + MOST_TARGETS;
-const COUNT: usize = ALONG + MOST_TARGETS;
+const SHIFT: usize = ALONG + MOST_TARGETS;
+const TURN: usize = SHIFT + 1;
+const COUNT: usize = TURN + 1;
 type Variances = [f64; COUNT];
 
 /// Most steps of the variances in one update.
@@ -64,6 +68,7 @@ fn variances_of(w: &Whitening) -> Variances {
         (all[2 + number], all[ALONG + number]) = (own.across, own.along);
     }
     all[BODY] = w.body;
+    [all[SHIFT], all[TURN]] = w.tool;
     all
 }
 
@@ -96,6 +101,8 @@ impl PartAxes {
 /// One row: its joint columns (3K x joints), its residual, and the variance of each part.
 struct StackedRow {
     joints: DMatrix<f64>,
+    /// Columns of shifts and turns of the tool (3K x 3 each), of a row with several targets.
+    tool: Option<[DMatrix<f64>; 2]>,
     residual: DVector<f64>,
     axes: Vec<PartAxes>,
     inverse: DMatrix<f64>,
@@ -110,7 +117,18 @@ impl StackedRow {
         let joints = DMatrix::from_fn(rows, n, |r, c| blocks[r / 3].joints[c][r % 3]);
         let residual = DVector::from_fn(rows, |r, _| blocks[r / 3].residual[r % 3]);
         let axes: Vec<PartAxes> = blocks.iter().map(|b| PartAxes::new(observation, b)).collect();
+        let several = blocks.iter().any(|block| block.arm.is_some());
+        let tool = several.then(|| {
+            let e = |axis: usize| Vector3::ith(axis, 1.0);
+            let columns = |of: &dyn Fn(&Vector3<f64>, usize) -> Vector3<f64>| {
+                DMatrix::from_fn(rows, 3, |r, c| blocks[r / 3].arm.map_or(0.0, |arm| of(&arm, c)[r % 3]))
+            };
+            [columns(&|_, axis| e(axis)), columns(&|arm, axis| e(axis).cross(arm))]
+        });
         let mut covariance = &joints * joints.transpose() * variances[JOINT];
+        for (columns, slot) in tool.iter().flatten().zip([SHIFT, TURN]) {
+            covariance += columns * columns.transpose() * variances[slot];
+        }
         for (k, part) in axes.iter().enumerate() {
             let mut own = covariance.fixed_view_mut::<3, 3>(3 * k, 3 * k);
             own += Matrix3::from_diagonal_element(variances[part.across]);
@@ -124,6 +142,7 @@ impl StackedRow {
             d2: residual.dot(&solved),
             inverse: factor.inverse(),
             joints,
+            tool,
             residual,
             axes,
             solved,
@@ -138,6 +157,9 @@ impl StackedRow {
     fn found(&self) -> Variances {
         let mut found = [0.0; COUNT];
         found[JOINT] = self.joints.tr_mul(&self.solved).norm_squared();
+        for (columns, slot) in self.tool.iter().flatten().zip([SHIFT, TURN]) {
+            found[slot] = columns.tr_mul(&self.solved).norm_squared();
+        }
         for (k, part) in self.axes.iter().enumerate() {
             let solved = self.solved.fixed_rows::<3>(3 * k);
             part.share(&(solved * solved.transpose()), &mut found);
@@ -149,6 +171,9 @@ impl StackedRow {
     fn traces(&self, m: &DMatrix<f64>) -> Variances {
         let mut traces = [0.0; COUNT];
         traces[JOINT] = (m * &self.joints).dot(&self.joints);
+        for (columns, slot) in self.tool.iter().flatten().zip([SHIFT, TURN]) {
+            traces[slot] = (m * columns).dot(columns);
+        }
         for (k, part) in self.axes.iter().enumerate() {
             part.share(&m.fixed_view::<3, 3>(3 * k, 3 * k).into_owned(), &mut traces);
         }
@@ -258,6 +283,7 @@ impl RowsNoise {
             further: std::array::from_fn(|k| variances[3 + k]),
             along: std::array::from_fn(|k| variances[ALONG + k]),
             body: variances[BODY],
+            tool: [variances[SHIFT], variances[TURN]],
         };
         let mut moved = largest_change(&variances, &before);
         if self.nu > 0.0 {
@@ -284,7 +310,9 @@ impl RowsNoise {
                 found[k] += weight * value;
                 all[k] += traces[k];
             }
-            count[JOINT] += row.numbers();
+            for slot in [JOINT, SHIFT, TURN] {
+                count[slot] += row.numbers();
+            }
             for part in &row.axes {
                 part.share(&Matrix3::identity(), &mut count);
             }

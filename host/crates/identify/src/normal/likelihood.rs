@@ -39,7 +39,7 @@ pub(crate) fn whitened_rows(
     };
     let places = places(layout, &group);
     let mut blocks = state.blocks(layout.n, observation).into_iter();
-    let mut before: Vec<[Vector3<f64>; N]> = Vec::new();
+    let mut before: Vec<Vec<Vector3<f64>>> = Vec::new();
     let mut all = vec![Vector3::zeros(); layout.len()];
     PoseColumns::each(state, layout, observation, whitening, weight, |pose| {
         let Some(block) = blocks.next().filter(|b| b.part != RowPart::Body) else {
@@ -61,8 +61,12 @@ pub(crate) fn whitened_rows(
         } else {
             whitening.own(block.part, block.sight)
         };
-        let given = Conditional::new(whitening, &own, &block.joints[..layout.n], before.iter());
-        before.push(pose.joints.map(|joint| joint / weight.sqrt()));
+        let mut shared = whitening.shared(&block.joints[..layout.n], block.arm);
+        let given = Conditional::new(whitening, &own, &shared, before.iter().map(Vec::as_slice));
+        for (c, column) in shared.iter_mut().enumerate() {
+            *column = given.times(column, before.iter().map(|before| before[c]));
+        }
+        before.push(shared);
         let row = WhitenedTarget {
             root: given.root.scaled(weight.sqrt()),
             factors: given.factors.iter().map(|factor| factor / weight.sqrt()).collect(),
@@ -133,18 +137,23 @@ fn whitened<const K: usize>(
                 state.further(layout.n, observation, &k)
             };
             let sight = state.sight(observation, &observation.target);
+            let arm = observation.has_several().then(Vector3::zeros);
             for (candidate, (rows, log)) in candidates.iter().zip(&mut found) {
                 let own = candidate.leading(observation, sight);
-                let root = Root::new(&candidate.covariance(&columns[..layout.n], &own));
-                let residual = root.times(&residual);
-                let mut d2 = residual.norm_squared();
-                *log += root.log_determinant();
-                if !further.is_empty() {
-                    let white = columns.map(|column| root.times(&column));
-                    let rest = candidate.further_parts(layout.n, white, residual, &further);
-                    d2 += rest.0;
-                    *log += rest.1;
+                if further.is_empty() {
+                    let root = Root::new(&candidate.covariance(&columns[..layout.n], &own));
+                    *log += root.log_determinant();
+                    let d2 = root.times(&residual).norm_squared();
+                    rows.push(Squared { d2, numbers: 3.0 });
+                    continue;
                 }
+                let shared = candidate.shared(&columns[..layout.n], arm);
+                let root = Root::new(&candidate.covariance(&shared, &own));
+                let residual = root.times(&residual);
+                let white = shared.iter().map(|column| root.times(column)).collect();
+                let rest = candidate.further_parts(layout.n, white, residual, &further);
+                let d2 = residual.norm_squared() + rest.0;
+                *log += root.log_determinant() + rest.1;
                 rows.push(Squared {
                     d2,
                     numbers: observation.numbers(),

@@ -10,7 +10,7 @@ use super::accumulate;
 use super::groups::{groups, places};
 use super::pose_columns::PoseColumns;
 use super::whitening::{Conditional, Own, Root, Whitening};
-use crate::chain::{N, Prepared, State};
+use crate::chain::{Prepared, State};
 use crate::hierarchy::prepare;
 use crate::load::Nominal;
 use crate::options::{Noise, Torque};
@@ -194,6 +194,7 @@ fn equations_are_those_of_the_dense_covariance() {
     let mut whitening = plain();
     (whitening.joint, whitening.point, whitening.body) = (1e-8, 2e-9, 3e-7);
     whitening.further = [1e-9, 5e-8, 1e-9, 1e-9, 1e-9];
+    whitening.tool = [4e-9, 7e-8];
     whitening.along = [3e-8, 1e-10, 2e-8, 4e-9, 1e-9, 1e-9];
     let weights: Vec<f64> = (0..prepared.len()).map(|k| 0.3 + 0.2 * k as f64).collect();
     let grouped = groups(prepared);
@@ -204,6 +205,17 @@ fn equations_are_those_of_the_dense_covariance() {
         let blocks = state.blocks(layout.n, observation);
         let joints = DMatrix::from_fn(residual.len(), layout.n, |r, c| blocks[r / 3].joints[c][r % 3]);
         let mut covariance = &joints * joints.transpose() * whitening.joint;
+        if observation.has_several() {
+            let arm = |r: usize| blocks[r / 3].arm;
+            let shift = DMatrix::from_fn(residual.len(), 3, |r, c| {
+                f64::from(u8::from(arm(r).is_some() && r % 3 == c))
+            });
+            let turn = DMatrix::from_fn(residual.len(), 3, |r, c| {
+                arm(r).map_or(0.0, |arm| Vector3::ith(c, 1.0).cross(&arm)[r % 3])
+            });
+            let [of_shift, of_turn] = whitening.tool;
+            covariance += &shift * shift.transpose() * of_shift + &turn * turn.transpose() * of_turn;
+        }
         for (k, block) in blocks.iter().enumerate() {
             let own = whitening.own(block.part, block.sight);
             let (sight, mut place) = (block.sight, covariance.fixed_view_mut::<3, 3>(3 * k, 3 * k));
@@ -245,15 +257,13 @@ proptest! {
         let white = l.solve_lower_triangular(&residual).unwrap();
         let log: f64 = -l.diagonal().iter().map(|x| x.ln()).sum::<f64>();
 
-        let mut before: Vec<([Vector3<f64>; N], Vector3<f64>)> = Vec::new();
+        let mut before: Vec<(Vec<Vector3<f64>>, Vector3<f64>)> = Vec::new();
         let mut found = 0.0;
         for (k, (own, residual, floor)) in parts.iter().enumerate() {
             let floor = 10_f64.powf(2.0 * floor);
-            let given = Conditional::new(&whitening, &Own::alike(floor), own, before.iter().map(|b| &b.0));
-            let mut joints = [Vector3::zeros(); N];
-            for (c, column) in joints.iter_mut().enumerate().take(7) {
-                *column = given.times(&own[c], before.iter().map(|b| b.0[c]));
-            }
+            let given = Conditional::new(&whitening, &Own::alike(floor), own, before.iter().map(|b| &b.0[..]));
+            let times = |(c, column): (usize, &Vector3<f64>)| given.times(column, before.iter().map(|b| b.0[c]));
+            let joints: Vec<_> = own.iter().enumerate().map(times).collect();
             let w = given.times(residual, before.iter().map(|b| b.1));
             found += given.log_determinant();
             let off = (w - white.fixed_rows::<3>(3 * k)).amax();

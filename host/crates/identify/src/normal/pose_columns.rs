@@ -12,6 +12,8 @@ use crate::seen::Seen;
 pub(super) struct PoseColumns {
     pub(super) own: [Vector3<f64>; OWN],
     pub(super) joints: [Vector3<f64>; N],
+    /// Whitened columns of what the parts of the row share; only of rows with several.
+    shared: Option<Vec<Vector3<f64>>>,
     pub(super) trig: [(f64, f64); N],
     pub(super) residual: Vector3<f64>,
 }
@@ -72,19 +74,21 @@ impl PoseColumns {
                 Seen::Body(_) => own[general + 3 + axis] = e,
             }
         }
-        // The earlier columns hold the row's weight; the factor between the parts does not.
+        // The columns that are shared do not hold the row's weight, as the factor between the parts does not.
         let root = weight.sqrt();
-        let unweighted: Vec<[Vector3<f64>; N]> = before.iter().map(|b| b.joints.map(|v| v / root)).collect();
-        let sight = match seen {
-            Seen::Target { at, .. } => state.sight(observation, at),
-            Seen::Body(_) => Vector3::zeros(),
+        let earlier = || before.iter().filter_map(|part| part.shared.as_deref());
+        let (sight, arm) = match seen {
+            Seen::Target { at, number } => {
+                let moved = state.moved(k, &observation.load, *number);
+                (state.sight(observation, at), Some(moved.tcp - k.tcp))
+            }
+            Seen::Body(_) => (Vector3::zeros(), None),
         };
-        let given = Conditional::new(
-            whitening,
-            &whitening.own(seen.part(), sight),
-            &joints[..n],
-            unweighted.iter(),
-        );
+        let mut shared = whitening.shared(&joints[..n], arm);
+        let given = Conditional::new(whitening, &whitening.own(seen.part(), sight), &shared, earlier());
+        for (c, column) in shared.iter_mut().enumerate() {
+            *column = given.times(column, earlier().map(|before| before[c]));
+        }
         for (c, column) in own[..general + 6].iter_mut().enumerate() {
             *column = given.times(&(*column * root), before.iter().map(|b| b.own[c]));
         }
@@ -94,6 +98,7 @@ impl PoseColumns {
         Self {
             own,
             joints,
+            shared: Some(shared),
             trig: k.trig,
             residual: given.times(&(residual * root), before.iter().map(|b| b.residual)),
         }
@@ -128,8 +133,15 @@ impl PoseColumns {
             own[general + 3 + axis] = e.cross(&arm);
         }
         let leading = whitening.leading(observation, state.sight(observation, &observation.target));
-        let covariance = whitening.covariance(&joints[..n], &leading);
-        let root = Root::new(&covariance).scaled(weight.sqrt());
+        let arm = observation.has_several().then(Vector3::zeros);
+        let shared = (!observation.further.is_empty()).then(|| whitening.shared(&joints[..n], arm));
+        let covariance = match &shared {
+            Some(shared) => whitening.covariance(shared, &leading),
+            None => whitening.covariance(&joints[..n], &leading),
+        };
+        let root = Root::new(&covariance);
+        let shared = shared.map(|columns| columns.iter().map(|column| root.times(column)).collect());
+        let root = root.scaled(weight.sqrt());
         for column in &mut own[..general + 6] {
             *column = root.times(column);
         }
@@ -139,6 +151,7 @@ impl PoseColumns {
         Self {
             own,
             joints,
+            shared,
             trig: kinematics.trig,
             residual: root.times(&state.residual(observation, &kinematics.tcp)),
         }

@@ -3,7 +3,8 @@
 use nalgebra::{Matrix3, Vector3};
 use spherecal_model::input::MOST_TARGETS;
 
-use crate::chain::{N, Prepared};
+use crate::chain::Prepared;
+use crate::hierarchy::constants::TOOL_NOISE;
 use crate::options::Noise;
 use crate::parts::Block;
 use crate::seen::RowPart;
@@ -29,6 +30,9 @@ pub(crate) struct Whitening {
     pub(crate) along: [f64; MOST_TARGETS],
     /// Variance of a measured orientation, in rad².
     pub(crate) body: f64,
+    /// Variance of shifts of the whole tool that no joint makes, in m², and of its turns about the leading target, in rad². A row with
+    /// one target has them as noise of that target.
+    pub(crate) tool: [f64; 2],
 }
 
 impl Whitening {
@@ -40,6 +44,7 @@ impl Whitening {
         further: [1.0; FURTHER],
         along: [1.0; MOST_TARGETS],
         body: 1.0,
+        tool: [0.0; 2],
     };
 
     /// As the options say, all targets alike.
@@ -52,7 +57,24 @@ impl Whitening {
             further: [point; FURTHER],
             along: [point; MOST_TARGETS],
             body: BODY_SIGMA_RAD.powi(2),
+            tool: if noise.estimate {
+                TOOL_NOISE.map(|sigma| sigma * sigma)
+            } else {
+                [0.0; 2]
+            },
         }
+    }
+
+    /// The columns of all that the parts of a row share, in units of the joint noise; `arm`: see [`Block::arm`](crate::parts::Block).
+    pub(crate) fn shared(&self, joints: &[Vector3<f64>], arm: Option<Vector3<f64>>) -> Vec<Vector3<f64>> {
+        let mut all = joints.to_vec();
+        if let Some(arm) = arm.filter(|_| self.joint > 0.0) {
+            let [shift, turn] = self.tool.map(|variance| (variance / self.joint).sqrt());
+            for e in [Vector3::x(), Vector3::y(), Vector3::z()] {
+                all.extend([e * shift, e.cross(&arm) * turn]);
+            }
+        }
+        all
     }
 
     /// Every standard deviation times a factor.
@@ -65,6 +87,7 @@ impl Whitening {
             further: self.further.map(|variance| variance * square),
             along: self.along.map(|variance| variance * square),
             body: self.body * square,
+            tool: self.tool.map(|variance| variance * square),
         }
     }
 
@@ -157,8 +180,7 @@ impl Own {
 ///
 /// `w_k = L_kk⁻¹ (r_k − Σ_{j<k} L_kj w_j)`, `L_kj = σ_q² J_k J̃_jᵀ`
 ///
-/// where `J̃_j` are the whitened columns of the joints: the joint noise is all that the parts of a
-/// row have in common.
+/// where `J̃_j` are the whitened columns of what the parts of a row share ([`Whitening::shared`]).
 #[derive(Clone, Debug)]
 pub(crate) struct Conditional {
     /// `L_kk⁻¹`.
@@ -168,16 +190,16 @@ pub(crate) struct Conditional {
 }
 
 impl Conditional {
-    /// For a part with joint columns `joints` and own noise `own`; `before` are the whitened joint columns of the earlier
+    /// For a part with shared columns `joints` and own noise `own`; `before` are the whitened shared columns of the earlier
     /// parts.
     pub(crate) fn new<'b>(
         whitening: &Whitening,
         own: &Own,
         joints: &[Vector3<f64>],
-        before: impl Iterator<Item = &'b [Vector3<f64>; N]>,
+        before: impl Iterator<Item = &'b [Vector3<f64>]>,
     ) -> Self {
         let mut rest = whitening.covariance(joints, own);
-        let factor = |before: &[Vector3<f64>; N]| {
+        let factor = |before: &[Vector3<f64>]| {
             let pairs = joints.iter().zip(before);
             pairs
                 .map(|(own, earlier)| own * earlier.transpose())
@@ -208,27 +230,27 @@ impl Conditional {
 
 impl Whitening {
     /// Squared whitened residual of the further parts of a row, and the sum of their `ln |L⁻¹|`;
-    /// `joints` and `residual` are those of the leading part, whitened.
+    /// `shared` and `residual` are those of the leading part, whitened.
     pub(crate) fn further_parts(
         &self,
         n: usize,
-        joints: [Vector3<f64>; N],
+        shared: Vec<Vector3<f64>>,
         residual: Vector3<f64>,
         further: &[Block],
     ) -> (f64, f64) {
-        let mut before = vec![(joints, residual)];
+        let mut before = vec![(shared, residual)];
         let (mut d2, mut log) = (0.0, 0.0);
         for block in further {
             let own = self.own(block.part, block.sight);
-            let given = Conditional::new(self, &own, &block.joints[..n], before.iter().map(|b| &b.0));
-            let mut joints = [Vector3::zeros(); N];
-            for (c, column) in joints.iter_mut().enumerate().take(n) {
-                *column = given.times(&block.joints[c], before.iter().map(|b| b.0[c]));
+            let mut shared = self.shared(&block.joints[..n], block.arm);
+            let given = Conditional::new(self, &own, &shared, before.iter().map(|b| &b.0[..]));
+            for (c, column) in shared.iter_mut().enumerate() {
+                *column = given.times(column, before.iter().map(|b| b.0[c]));
             }
             let residual = given.times(&block.residual, before.iter().map(|b| b.1));
             d2 += residual.norm_squared();
             log += given.log_determinant();
-            before.push((joints, residual));
+            before.push((shared, residual));
         }
         (d2, log)
     }

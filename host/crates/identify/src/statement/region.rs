@@ -188,10 +188,11 @@ impl Maker<'_> {
     }
 
     /// Draws over postures; `frames` says whether the uncertainty of frames counts, `own_noise` is that of the
-    /// instrument on each axis (m).
+    /// instrument on each axis (m), beside the shifts of the tool.
     fn region(&mut self, postures: &[Posture], taken: Taken, frames: bool, own_noise: f64) -> Region {
         let calibration = self.calibration;
         let noise = calibration.noise;
+        let own_noise = (own_noise.powi(2) + calibration.inner.shift_variance).sqrt();
         let count = postures.len();
         let own: Vec<(DMatrix<f64>, Vec<Vector3<f64>>)> = postures
             .par_iter()
@@ -327,7 +328,7 @@ pub(super) fn left_out(
     } else {
         noise.point_m
     };
-    let mut c = Matrix3::identity() * own.powi(2);
+    let mut c = Matrix3::identity() * (own.powi(2) + calibration.inner.shift_variance);
     for joint in joints {
         c += joint * joint.transpose() * noise.joint_rad.powi(2);
     }

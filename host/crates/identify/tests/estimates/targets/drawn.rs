@@ -169,6 +169,18 @@ impl Drawn {
         })
     }
 
+    /// Rows of three targets on a tool that is turned about the flange by so much in each (mrad, each axis), by no joint.
+    pub(crate) fn turning(&mut self, rows: usize, noise: Noise, mrad: f64) -> Experiment {
+        self.experiment(rows, |own, flange| {
+            let turn = Rotation3::new(Vector3::from_fn(|_, _| normal(&mut own.rng, mrad / 1e3))).into_inner();
+            let points = POINTS.map(|place| {
+                let off = Vector3::from_fn(|_, _| normal(&mut own.rng, noise.mm / 1e3));
+                Some((flange.position + flange.rotation * turn * Vector3::from(place) + off).into())
+            });
+            Target::Points(points.into())
+        })
+    }
+
     /// Rows with the pose of the tool, noise in mm and mrad.
     pub(crate) fn poses(&mut self, rows: usize, mm: f64, mrad: f64) -> Experiment {
         self.seen_poses(rows, mm, mm, mrad)

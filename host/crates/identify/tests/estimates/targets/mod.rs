@@ -60,6 +60,26 @@ fn three_targets_are_better_than_one() {
     assert!(beyond < 0.1 * all, "{beyond} of {all}");
 }
 
+// Fails if a tool that no joint turns spoils three targets that are measured well: on the mean of six arms they must predict the TCP of
+// new poses better than the first one alone (0.09 mm; 0.27 mm where the joints had to make the turns), and their noise must be that of
+// the instrument to a half.
+#[test]
+fn a_tool_that_turns_spoils_no_targets() {
+    let (mut one, mut three) = (Vec::new(), Vec::new());
+    for seed in 51..=56 {
+        let mut drawn = Drawn::new(seed);
+        let experiment = drawn.turning(60, Noise::of(0.005), 1.0);
+        let found = fitted(&experiment);
+        one.push(tcp_error_mm(&drawn, &fitted(&first_only(&experiment))));
+        three.push(tcp_error_mm(&drawn, &found));
+        for target in &found.targets {
+            assert!((target.noise_mm / 0.005).ln().abs() < 0.4, "seed {seed}: {target:?}");
+        }
+    }
+    println!("one target {:.4} mm, three {:.4} mm", mean(&one), mean(&three));
+    assert!(mean(&three) < mean(&one), "{one:?} {three:?}");
+}
+
 // Fails if a table with one numbered target gives other bits than one with a plain point.
 #[test]
 fn one_target_is_a_point_to_the_last_bit() {
