@@ -67,7 +67,7 @@ def main():
         not_ready += state["status"] != READY
         if state["session"] != hello["session"]:
             sys.exit("the drive has started again: start this example again")
-        command = {"session": hello["session"], "tick": state["tick"], "tau": hold.torque(state), "enable": True}
+        command = {"session": hello["session"], "tick": state["tick"], "tau": hold.torque(state), "follow": [], "enable": True}
         wire.send("command", command, state["tick"] * hello["period_us"])
         moved = max(moved, *(abs(a - b) for a, b in zip(state["q"], hold.start)))
     speed = max(abs(v) for v in state["dq"])

@@ -14,9 +14,9 @@ import sys
 import time
 
 # First eight bytes of each message type's schema hash: another layout, another key.
-HELLO_KEY = bytes.fromhex("0b2407ca61225e77")
+HELLO_KEY = bytes.fromhex("d29dfd2ece190cb5")
 STATE_KEY = bytes.fromhex("a14694c683ea7ec3")
-COMMAND_KEY = bytes.fromhex("4bfd99ec80fc0db9")
+COMMAND_KEY = bytes.fromhex("cc7d322984ea49db")
 
 PROTOCOL = 2
 NO_SESSION = 0  # of a command: the controller asks for the hello
@@ -148,7 +148,7 @@ def hello_body(hello):
     body += varint(hello["period_us"]) + bytes([hello["compensates_gravity"]])
     body += varint(hello["torque_sign"]) + bytes([hello["lock_step"]])
     body += floats(hello["motor_kg_m2"]) + varint(hello["latency_us"])
-    return body + bytes([hello["simulated"]])
+    return body + bytes([hello["follows"], hello["simulated"]])
 
 
 def state_body(state):
@@ -157,7 +157,8 @@ def state_body(state):
 
 
 def command_body(command):
-    return varint(command["session"]) + varint(command["tick"]) + floats(command["tau"]) + bytes([command["enable"]])
+    body = varint(command["session"]) + varint(command["tick"]) + floats(command["tau"]) + floats(command["follow"])
+    return body + bytes([command["enable"]])
 
 
 def read_hello(reader):
@@ -171,6 +172,7 @@ def read_hello(reader):
     hello["lock_step"] = reader.flag()
     hello["motor_kg_m2"] = reader.floats()
     hello["latency_us"] = reader.varint()
+    hello["follows"] = reader.flag()
     hello["simulated"] = reader.flag()
     return hello
 
@@ -183,7 +185,10 @@ def read_state(reader):
 
 
 def read_command(reader):
-    return {"session": reader.varint(), "tick": reader.varint(), "tau": reader.floats(), "enable": reader.flag()}
+    command = {"session": reader.varint(), "tick": reader.varint()}
+    command.update({"tau": reader.floats(), "follow": reader.floats()})
+    command["enable"] = reader.flag()
+    return command
 
 
 MESSAGES = {

@@ -132,6 +132,7 @@ def serve(arm, limits, args):
         # Motors that the torque of a joint has to move besides its link; none here.
         "motor_kg_m2": [],
         "latency_us": 0,
+        "follows": False,
         # Results over this drive are marked as simulated.
         "simulated": True,
     }

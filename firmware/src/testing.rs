@@ -287,6 +287,13 @@ impl Bench {
             self.dq = SVector::zeros();
             return;
         }
+        if let Ok(follow) = <[f64; 7]>::try_from(self.command.follow.as_slice()) {
+            let follow = SVector::from(follow);
+            self.dq = (follow - self.q) / 1e-3;
+            self.q = follow;
+            self.tau = self.arm.bodies(&self.arm.frames(&follow.into())).gravity();
+            return;
+        }
         let frames = self.arm.frames(&self.q.into());
         let tcp = self.arm.tcp_frame(&frames).position;
         let jacobian = self.arm.jacobian(&frames, &tcp);

@@ -118,6 +118,11 @@ impl<const N: usize> Disturbance<N> {
         self.free = true;
     }
 
+    /// Whether it is known that the nest is on no sphere.
+    pub fn is_free(&self) -> bool {
+        self.free
+    }
+
     /// The torque that the law adds, in N m.
     pub fn torque(&self) -> SVector<f64, N> {
         self.learned() + self.fading

@@ -38,6 +38,7 @@ impl<const N: usize> Controller<N> {
             session,
             tick,
             tau,
+            follow: Joints::new(),
             enable: false,
         }
     }
@@ -142,12 +143,22 @@ impl<const N: usize> Controller<N> {
         self.advance(&snapshot, &speeds, joint_speed, force.norm());
         self.costs.end_of(Stage::Phase);
 
-        let mut wanted = self.torque(&snapshot);
+        let delivered = self.delivered(&snapshot, &state.tau);
+        let follows = self.follows();
+        // Where the drive follows angles, the torque is the one that it has: from there the law goes on.
+        let mut wanted = if follows {
+            SVector::from(delivered)
+        } else {
+            self.torque(&snapshot)
+        };
         self.costs.end_of(Stage::Law);
         let law = &self.procedure.law;
         let (gain, corner, bound) = (law.torque_loop_gain, law.torque_loop_rad_s, law.torque_loop_nm);
-        let delivered = self.delivered(&snapshot, &state.tau);
-        self.watch_answer(&delivered);
+        if follows {
+            self.torque_loop.reset();
+        } else {
+            self.watch_answer(&delivered);
+        }
         let limits = &self.procedure.limits;
         let (joints, envelope) = self.safety.parts();
         let violation = envelope
@@ -172,8 +183,10 @@ impl<const N: usize> Controller<N> {
         let correction = self
             .torque_loop
             .correction(&exerted, gain, &poles, bound, self.period_s);
-        for i in 0..N {
-            wanted[i] += correction[i];
+        if !follows {
+            for i in 0..N {
+                wanted[i] += correction[i];
+            }
         }
         if !wanted
             .iter()
@@ -203,14 +216,18 @@ impl<const N: usize> Controller<N> {
         if self.keep_brakes {
             return self.disabled(self.number(), tick);
         }
-        let mut joints = Joints::new();
-        for value in tau {
-            let _ = joints.push(value);
-        }
+        let joints = |values: &[f64; N]| {
+            let mut joints = Joints::new();
+            for value in values {
+                let _ = joints.push(*value);
+            }
+            joints
+        };
         let command = DriveCommand {
             session: self.number(),
             tick,
-            tau: joints,
+            tau: joints(&tau),
+            follow: if follows { joints(&self.hold.q) } else { Joints::new() },
             enable: true,
         };
         self.last = Some(command.clone());

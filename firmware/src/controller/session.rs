@@ -28,6 +28,7 @@ pub(super) struct DriveSession<const N: usize> {
     pub(super) limits: [JointLimits; N],
     pub(super) actuation: Actuation<N>,
     pub(super) latency_us: u32,
+    pub(super) follows: bool,
     pub(super) simulated: bool,
 }
 
@@ -64,6 +65,7 @@ impl<const N: usize> DriveSession<N> {
             limits,
             actuation: Actuation::new(motors, period_s, latency_s),
             latency_us: hello.latency_us,
+            follows: hello.follows,
             simulated: hello.simulated,
         })
     }
@@ -198,6 +200,13 @@ impl<const N: usize> Controller<N> {
             return Err(Refusal::TooLate { latency_us, most_us });
         }
         Ok(())
+    }
+
+    /// Whether the drive moves the arm by the angles of the setpoint, not by torques: in a motion through free space, if it can,
+    /// and if a motion or a release before has shown that the nest is on no sphere.
+    pub(super) fn follows(&self) -> bool {
+        let can = self.session.as_ref().is_some_and(|session| session.follows);
+        can && matches!(self.activity, Activity::Moving(_)) && !self.may_be_on_sphere && self.disturbance.is_free()
     }
 
     /// Whether the drive adds the gravity torque itself.

@@ -45,6 +45,7 @@ impl Digest {
         self.count(command.tick);
         self.count(u64::from(command.enable));
         self.numbers(&command.tau);
+        self.numbers(&command.follow);
     }
 
     /// Adds an event for the host, as its bytes on the wire.

@@ -80,6 +80,9 @@ pub struct DriveCommand {
     /// Total joint torque, in N m. It includes gravity unless the drive's
     /// [`DriveHello`] says that the drive compensates gravity.
     pub tau: Joints,
+    /// Joint angles, in rad, that a drive which follows angles moves to in place of the torques: those of a motion
+    /// through free space. Empty otherwise, and for every other drive.
+    pub follow: Joints,
     /// Whether the drive is to carry out the torque; `false` asks it to close
     /// its brakes.
     pub enable: bool,
@@ -122,6 +125,9 @@ pub struct DriveHello {
     /// Delay of the drive, in µs: age of a state when it is sent, and time until the
     /// answering command acts, together. One period is not counted.
     pub latency_us: u32,
+    /// Whether the drive follows joint angles by a position control of its own. The controller then moves the arm
+    /// through free space by [`DriveCommand::follow`].
+    pub follows: bool,
     /// Whether the drive moves a simulated arm. Everything that a run over it writes is
     /// then marked as simulated.
     pub simulated: bool,
@@ -142,6 +148,7 @@ impl DriveHello {
             lock_step: false,
             motor_kg_m2: Joints::new(),
             latency_us: 0,
+            follows: false,
             simulated: false,
         }
     }

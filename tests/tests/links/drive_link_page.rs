@@ -101,6 +101,7 @@ fn the_page_shows_the_bytes_of_the_encoder() {
         lock_step: true,
         motor_kg_m2: joints(&[0.5, 0.25]),
         latency_us: 1500,
+        follows: false,
         simulated: true,
     };
     let state = DriveState {
@@ -115,6 +116,7 @@ fn the_page_shows_the_bytes_of_the_encoder() {
         session: 5,
         tick: 300,
         tau: joints(&[3.25, -0.5]),
+        follow: joints(&[]),
         enable: true,
     };
     let blocks = [
@@ -171,6 +173,7 @@ fn python_reads_and_writes_the_same_bytes() {
             session: sequence,
             tick,
             tau: values.clone(),
+            follow: values.clone(),
             enable: flag,
         };
         let hello = DriveHello {
@@ -187,6 +190,7 @@ fn python_reads_and_writes_the_same_bytes() {
             lock_step: !flag,
             motor_kg_m2: values.clone(),
             latency_us: sequence / 2,
+            follows: !flag,
             simulated: flag,
         };
         let json = |kind: &str, message: Value, hex: &str| serde_json::json!({"kind": kind, "sequence": sequence, "time_us": time_us, "message": message, "hex": hex});
@@ -205,14 +209,14 @@ fn python_reads_and_writes_the_same_bytes() {
             (
                 "command",
                 frame(&command, sequence, time_us),
-                serde_json::json!({"session": sequence, "tick": tick, "tau": values, "enable": flag}),
+                serde_json::json!({"session": sequence, "tick": tick, "tau": values, "follow": values, "enable": flag}),
             ),
             (
                 "hello",
                 frame(&hello, sequence, time_us),
                 serde_json::json!({"protocol": status, "session": sequence, "limits": rows, "period_us": sequence,
                     "compensates_gravity": flag, "torque_sign": u8::from(flag), "lock_step": !flag,
-                    "motor_kg_m2": values, "latency_us": sequence / 2, "simulated": flag}),
+                    "motor_kg_m2": values, "latency_us": sequence / 2, "follows": !flag, "simulated": flag}),
             ),
         ] {
             lines.push_str(&bytes);

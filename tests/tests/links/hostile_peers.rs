@@ -87,6 +87,7 @@ fn driven(address: &str) -> String {
             tick: state.tick,
             tau: state.tau.clone(),
             enable: true,
+            ..DriveCommand::default()
         });
     }
     "goes on".to_owned()

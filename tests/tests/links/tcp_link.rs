@@ -388,6 +388,7 @@ fn the_plant_in_real_time_closes_its_brakes_without_commands() {
         tick: state.tick,
         tau: state.tau.clone(),
         enable: true,
+        ..DriveCommand::default()
     };
     stream.write_all(&framed(&command, 0)).expect("sent");
     states(&mut stream, |state| state.status == DriveStatus::Disabled);

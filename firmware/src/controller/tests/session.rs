@@ -98,6 +98,51 @@ fn a_new_handshake_ends_the_session_before() {
     assert_eq!(bench.faults().len(), 1);
 }
 
+// Fails if a drive that follows angles gets none in a motion through free space, gets them in the first motion after closed brakes
+// or where a nest may be on its sphere, or if the law does not go on from where the drive is: with a jump of the torque, or a fault.
+#[test]
+fn a_drive_that_follows_angles_gets_them_in_free_space() {
+    let mut bench = Bench::new(Bench::fast_procedure());
+    bench.session += 1;
+    bench.tick = 0;
+    let hello = DriveHello {
+        session: bench.session,
+        follows: true,
+        ..hello()
+    };
+    bench.controller.connect(&hello).expect("a drive that fits");
+    bench.run(50);
+    bench.controller.command(Command::ClearFault).expect("always");
+    bench.run(50);
+    // Whether angles were commanded, and the largest step of a torque.
+    let ways = |bench: &mut Bench, by: f64| {
+        let mut target: [f64; 7] = bench.q.into();
+        target[3] += by;
+        let target = target.into_iter().collect();
+        bench.controller.command(Command::Move { target }).expect("idle");
+        let (mut follows, mut step) = (false, 0.0f64);
+        for _ in 0..5_000 {
+            let before = bench.command.clone();
+            bench.run(1);
+            follows |= !bench.command.follow.is_empty();
+            let pairs = bench.command.tau.iter().zip(&before.tau);
+            step = pairs.fold(step, |most, (now, before)| most.max((now - before).abs()));
+            if bench.controller.phase() == Phase::Idle {
+                break;
+            }
+        }
+        assert!(bench.command.follow.is_empty() && bench.controller.phase() == Phase::Idle);
+        (follows, step)
+    };
+    assert!(!ways(&mut bench, 0.2).0, "the first one is by torques");
+    let (follows, step) = ways(&mut bench, -0.2);
+    assert!(follows && step < 2.0, "{step} N m");
+    bench.run(500);
+    assert!(bench.dq.norm() < 1e-3, "it stands: {}", bench.dq.norm());
+    let faults = bench.faults();
+    assert!(faults.iter().all(|fault| fault.fault == Fault::Drive), "{faults:?}");
+}
+
 // Fails if sign, gravity compensation, period or limits change within a session, or
 // if the same handshake once more disturbs it.
 #[test]

@@ -226,6 +226,7 @@ impl StateReader for DriveReader {
             tick: self.state.tick,
             tau,
             enable: false,
+            ..DriveCommand::default()
         };
         let command = self.first.is_some().then_some(&command);
         self.drive.exchange(command, &mut self.state)?;

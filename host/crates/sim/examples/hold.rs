@@ -107,6 +107,7 @@ fn circle(drive: &mut dyn Drive, mut told: impl FnMut(u64, f64, &Output<7>)) -> 
             tick: state.tick,
             tau: out.torque.into_iter().collect(),
             enable: true,
+            ..DriveCommand::default()
         });
     }
     Ok(most_m)

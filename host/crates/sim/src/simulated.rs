@@ -220,6 +220,7 @@ mod tests {
                     tick,
                     tau,
                     enable,
+                    ..DriveCommand::default()
                 };
                 arm.exchange(Some(&command), &mut state).expect("a state");
                 seen.push(state.q.to_vec());

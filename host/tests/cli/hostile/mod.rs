@@ -175,6 +175,7 @@ fn controls(address: &str) -> Result<(), NotServed> {
             tick: state.tick,
             tau: state.q.iter().map(|_| 0.0).collect(),
             enable: false,
+            ..DriveCommand::default()
         };
         drive.exchange(Some(&command), &mut state)?;
     }

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use spherecal_budget::robot::GIVE_UP;
 use spherecal_cyclic::Machine;
+use spherecal_shared::Joints;
 use spherecal_shared::protocol::drive::{DriveCommand, DriveHello, DriveState, DriveStatus};
 use spherecal_shared::protocol::host::LoopTiming;
 
@@ -24,6 +25,11 @@ pub trait Interface<const N: usize>: Send {
 
     /// Carries out the command that answers the last state: torques, N m, or none.
     fn carry_out(&mut self, course: &mut Course, tau: Option<[f64; N]>) -> Result<(), Self::Error>;
+
+    /// Follows these angles, rad, if the handshake says that the robot can.
+    fn follow(&mut self, course: &mut Course, _q: [f64; N]) -> Result<(), Self::Error> {
+        self.carry_out(course, None)
+    }
 
     /// Waits for the next state, and notes it in `course`.
     fn receive(&mut self, course: &mut Course) -> Result<(), Self::Error>;
@@ -164,15 +170,23 @@ impl<R: Interface<N>, const N: usize> InterfaceDrive<R, N> {
     }
 
     fn carry_out(&mut self, command: Option<&DriveCommand>) -> Result<(), LinkError> {
-        let torques = |command: &DriveCommand| {
-            <[f64; N]>::try_from(command.tau.as_slice()).map_err(|_| LinkError::Torques {
-                found: command.tau.len(),
+        let values = |joints: &Joints| {
+            <[f64; N]>::try_from(joints.as_slice()).map_err(|_| LinkError::Torques {
+                found: joints.len(),
                 joints: N,
             })
         };
-        let tau = command.map(torques).transpose()?;
-        let enabled = command.is_some_and(|command| command.enable);
-        let carried_out = self.robot.carry_out(&mut self.course, tau.filter(|_| enabled));
+        let enabled = command.filter(|command| command.enable);
+        let carried_out = match enabled {
+            Some(command) if !command.follow.is_empty() => {
+                self.robot.follow(&mut self.course, values(&command.follow)?)
+            }
+            _ => {
+                let tau = command.map(|command| values(&command.tau)).transpose()?;
+                self.robot
+                    .carry_out(&mut self.course, tau.filter(|_| enabled.is_some()))
+            }
+        };
         self.survive(carried_out)
     }
 

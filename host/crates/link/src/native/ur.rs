@@ -25,7 +25,7 @@ const UNLOCKS: u32 = 3;
 /// A robot of Universal Robots as a drive.
 ///
 /// - Our program runs on the robot from the connection on. Without `enable` it holds the pose by the robot's own position
-///   control.
+///   control, which also follows the angles of a motion through free space.
 /// - The measured torques are those of the motors. What accelerates the declared motors is taken off, and the gravity of
 ///   model and tool is added: that is what acts on the links.
 /// - A stop ends the program. After a protective stop the drive asks the dashboard, or on PolyScope X the Robot API, to end it, at
@@ -49,7 +49,7 @@ pub struct Ur {
     begun: bool,
     /// Our program runs.
     runs: bool,
-    /// The last command was a torque.
+    /// The last command was torques or angles.
     follows: bool,
     /// Since when the robot has been stopped.
     stopped_at: Option<u64>,
@@ -83,6 +83,7 @@ impl UrDrive {
             compensates_gravity: true,
             motor_kg_m2: motors.clone(),
             latency_us,
+            follows: true,
             // No controller is on this computer: what answers from here is a simulation.
             simulated: client.is_local(),
             ..DriveHello::new(SESSION, robot.joints.iter().map(|joint| joint.limits))
@@ -187,6 +188,30 @@ impl Ur {
         }
     }
 
+    /// Orders this of the program; one that does not run is started. `limited`: a torque was beyond its limit.
+    fn order(&mut self, course: &mut Course, order: &Order, limited: bool) -> Result<(), ClientError> {
+        let follows = *order != Order::Listen;
+        if follows && !self.runs {
+            return self.start(course);
+        }
+        let Some(client) = &mut self.client else { return Ok(()) };
+        // While the robot is silent there is nothing to answer: its program ends by itself.
+        if !course.silent.is_zero() {
+            return Ok(());
+        }
+        self.sent.note(client.send(order)?, self.state.robot.timestamp);
+        if follows {
+            if !self.follows {
+                course.recorder.event(DriveEvent::Started);
+            }
+            course.recorder.answered(false, limited);
+        } else if self.follows {
+            course.recorder.pause();
+        }
+        self.follows = follows;
+        Ok(())
+    }
+
     /// What acts on the links, N m.
     fn link_torque(&self) -> [f64; JOINTS] {
         let (now, then) = (&self.state.robot, &self.before.robot);
@@ -203,14 +228,6 @@ impl Interface<JOINTS> for Ur {
     type Error = ClientError;
 
     fn carry_out(&mut self, course: &mut Course, tau: Option<[f64; JOINTS]>) -> Result<(), ClientError> {
-        if tau.is_some() && !self.runs {
-            return self.start(course);
-        }
-        let Some(client) = &mut self.client else { return Ok(()) };
-        // While the robot is silent there is nothing to answer: its program ends by itself.
-        if !course.silent.is_zero() {
-            return Ok(());
-        }
         let mut limited = false;
         let order = match tau {
             Some(mut tau) => {
@@ -222,18 +239,11 @@ impl Interface<JOINTS> for Ur {
             }
             None => Order::Listen,
         };
-        let follows = matches!(order, Order::Torque(_));
-        self.sent.note(client.send(&order)?, self.state.robot.timestamp);
-        if follows {
-            if !self.follows {
-                course.recorder.event(DriveEvent::Started);
-            }
-            course.recorder.answered(false, limited);
-        } else if self.follows {
-            course.recorder.pause();
-        }
-        self.follows = follows;
-        Ok(())
+        self.order(course, &order, limited)
+    }
+
+    fn follow(&mut self, course: &mut Course, q: [f64; JOINTS]) -> Result<(), ClientError> {
+        self.order(course, &Order::Angles(q), false)
     }
 
     fn receive(&mut self, course: &mut Course) -> Result<(), ClientError> {

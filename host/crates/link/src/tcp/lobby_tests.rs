@@ -71,6 +71,7 @@ fn silent_peers_keep_nobody_out() {
                 tick: state.tick,
                 tau: state.tau.clone(),
                 enable: false,
+                ..DriveCommand::default()
             };
             let answer = (!state.q.is_empty()).then_some(&command);
             drive.exchange(answer, &mut state).expect("the plant serves");

@@ -98,6 +98,7 @@ fn without_enable_the_brakes_are_closed() {
         tick: state.tick,
         tau: [5.0; 7].into_iter().collect(),
         enable: true,
+        ..DriveCommand::default()
     };
     arm.exchange(Some(&command), &mut state).expect("a state");
     assert_ne!(state.q, start);

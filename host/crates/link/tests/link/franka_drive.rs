@@ -77,6 +77,7 @@ impl Held {
             tick: self.state.tick,
             tau,
             enable,
+            ..DriveCommand::default()
         }
     }
 
@@ -255,6 +256,7 @@ fn the_loop_allocates_nothing() {
                 tick: held.state.tick,
                 tau,
                 enable: true,
+                ..DriveCommand::default()
             };
             held.drive
                 .exchange(Some(&command), &mut held.state)

@@ -121,6 +121,7 @@ fn run(
             tick: state.tick,
             tau,
             enable,
+            ..DriveCommand::default()
         };
         drive.exchange(Some(&command), state).expect("the link lives");
         let monitor = drive.monitor().expect("a monitor");
@@ -161,6 +162,7 @@ fn the_sign_is_found_and_the_arm_is_held() {
                     tick: state.tick,
                     tau,
                     enable: true,
+                    ..DriveCommand::default()
                 };
                 drive.exchange(Some(&command), &mut state).expect("the link lives");
                 assert_eq!(state.tick, tick + 1 + u64::from(drive.missed()));
@@ -230,6 +232,7 @@ fn an_overlay_leaves_as_soon_as_it_is_computed() {
             tick: state.tick,
             tau: (0..7).map(|j| if enable { law(j) } else { 0.0 }).collect(),
             enable,
+            ..DriveCommand::default()
         };
         let (cycles, answered) = (monitor.record().cycles, side.statistics().answered);
         drive.answer(&command).expect("the link lives");

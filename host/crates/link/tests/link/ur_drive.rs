@@ -41,9 +41,13 @@ impl ArmHardware for Joints {
     fn step(&mut self, command: ArmCommand, step_s: f64) -> ArmState {
         self.torque = match command {
             ArmCommand::Torque(torque) => torque,
-            ArmCommand::Hold | ArmCommand::Follow(..) => {
+            ArmCommand::Hold => {
                 self.qd = [0.0; JOINTS];
                 [0.0; JOINTS]
+            }
+            ArmCommand::Follow(q, qd) => {
+                (self.q, self.qd, self.torque) = (q, qd, [0.0; JOINTS]);
+                return self.state();
             }
         };
         for j in 0..JOINTS {
@@ -179,6 +183,7 @@ fn torques_act_and_are_told_as_those_on_the_links() {
                 tick: state.tick,
                 tau: [0.0, 0.0, 0.0, 0.0, 0.0, tau].into_iter().collect(),
                 enable: state.status == DriveStatus::Ready,
+                ..DriveCommand::default()
             };
             drive.exchange(Some(&command), state).expect("the link lives");
             while let Some(event) = drive.monitor().and_then(|monitor| monitor.next_event()) {
@@ -214,6 +219,54 @@ fn torques_act_and_are_told_as_those_on_the_links() {
     assert_eq!(side.statistics().after_stop, 0);
 }
 
+// Fails if angles do not act, later than the wire and the look-ahead of `servoj`, if a command without angles does not hand the arm
+// back to torques where it is, or if angles that stay away do not end the program.
+#[test]
+fn angles_are_followed_by_the_robots_own_control() {
+    let world = World::new(0);
+    let side = robot(&world, |_| ());
+    let mut drive = connect(&world, &side).expect("a drive");
+    assert!(drive.hello().follows);
+    let mut state = DriveState::default();
+    drive.exchange(None, &mut state).expect("a state");
+    let mut run = |angle: Option<f64>, periods: usize| {
+        for _ in 0..periods {
+            let command = DriveCommand {
+                session: 1,
+                tick: state.tick,
+                tau: [0.0; JOINTS].into_iter().collect(),
+                follow: angle.map_or_else(spherecal_shared::Joints::new, |angle| {
+                    let mut q = POSE;
+                    q[5] = angle;
+                    q.into_iter().collect()
+                }),
+                enable: state.status == DriveStatus::Ready,
+            };
+            drive.exchange(Some(&command), &mut state).expect("the link lives");
+        }
+        (state.q[5], state.dq[5])
+    };
+    let way = |k: usize| POSE[5] + 1e-3 * k as f64;
+    for k in 0..200 {
+        run(Some(way(k)), 1);
+    }
+    // At 0.5 rad/s: 30 ms of look-ahead and three periods are 18 mrad.
+    let (q, dq) = run(Some(way(200)), 1);
+    assert!(
+        (way(200) - q - 0.018).abs() < 3e-3 && (dq - 0.5).abs() < 1e-2,
+        "{q} {dq}"
+    );
+    let (q, dq) = run(Some(way(200)), 200);
+    assert!((way(200) - q).abs() < 1e-6 && dq.abs() < 1e-6, "{q} {dq}");
+    let held = run(None, 50);
+    assert!((held.0 - q).abs() < 1e-9, "{held:?}");
+    assert!(side.statistics().followed > 40 && side.statistics().runs);
+    run(Some(way(200)), 20);
+    drop(drive);
+    world.machine().sleep(Duration::from_millis(60));
+    assert!(!side.statistics().runs, "24 ms without a number end it");
+}
+
 // Fails if a PolyScope X in local control that refuses to end its protective stop is asked more than three times, the refusal is
 // not told with what a person has to do, the connection is lost by it, or a person who ends the stop is not enough.
 #[test]
@@ -230,6 +283,7 @@ fn a_robot_api_that_refuses_leaves_the_stop_to_a_person() {
                 tick: state.tick,
                 tau: [0.0; JOINTS].into_iter().collect(),
                 enable: state.status == DriveStatus::Ready,
+                ..DriveCommand::default()
             };
             drive.exchange(Some(&command), &mut state).expect("the link lives");
         }
@@ -276,6 +330,7 @@ fn a_cable_that_is_out_costs_as_many_periods_as_it_lasts() {
             tick: state.tick,
             tau: [0.0; JOINTS].into_iter().collect(),
             enable: state.status == DriveStatus::Ready,
+            ..DriveCommand::default()
         };
         drive.exchange(Some(&command), state).expect("the link lives");
         1 + u64::from(drive.missed())

@@ -129,12 +129,12 @@ impl TorqueClient {
     /// [`ClientError::Closed`] or what the system says.
     pub fn send(&mut self, order: &Order) -> Result<i32, ClientError> {
         self.number = self.number.wrapping_add(1);
-        let torque = match order {
+        let joints = match order {
             Order::Listen => &[0.0; JOINTS],
-            Order::Torque(torque) => torque,
+            Order::Torque(joints) | Order::Angles(joints) => joints,
         };
         let load = &self.load;
-        let doubles = torque
+        let doubles = joints
             .iter()
             .chain([&load.mass_kg])
             .chain(&load.com_m)

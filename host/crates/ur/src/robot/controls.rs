@@ -34,7 +34,7 @@ pub struct RobotStatistics {
     pub silent: u64,
     /// Protective stops that a limit caused.
     pub limits: u64,
-    /// Torques that were asked for after the program had ended. A client needs some periods to see the end.
+    /// Torques or angles that were asked for after the program had ended. A client needs some periods to see the end.
     pub after_stop: u64,
     /// Whether a program runs.
     pub runs: bool,

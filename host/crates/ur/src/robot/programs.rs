@@ -1,10 +1,10 @@
 //! The programs that this robot side runs, each known by its text. It interprets no script.
 
 use super::controls::{ArmCommand, ArmState, Step};
+use super::mover::Mover;
 use super::registers::Registers;
 use super::ur_rtde::UrRtde;
-use crate::JOINTS;
-use crate::wire::{ACKNOWLEDGED, INPUTS, Load, Order, PATIENCE_STEPS, PROGRAM, Value};
+use crate::wire::{ACKNOWLEDGED, INPUTS, LOOKAHEAD_S, Load, Order, PATIENCE_STEPS, PROGRAM, Value};
 
 #[derive(Debug)]
 pub(super) struct TorqueProgram {
@@ -12,8 +12,10 @@ pub(super) struct TorqueProgram {
     number: i32,
     /// Control steps since then.
     silent: u32,
-    /// It follows torques.
+    /// It follows torques or angles.
     follows: bool,
+    /// The setpoint while it follows angles.
+    mover: Option<Mover>,
 }
 
 /// A program that this side runs.
@@ -35,7 +37,7 @@ impl Program {
     /// One pass of its loop. `arm`: the arm now; `step_s`: the time until the next pass.
     pub(super) fn step(&mut self, registers: &mut Registers, arm: &ArmState, step_s: f64) -> Step {
         match self {
-            Self::Torque(program) => program.step(registers),
+            Self::Torque(program) => program.step(registers, arm, step_s),
             Self::UrRtde(program) => program.step(registers, arm, step_s),
         }
     }
@@ -65,12 +67,13 @@ impl TorqueProgram {
             number: registers.integer(INPUTS[1].0),
             silent: 0,
             follows: false,
+            mover: None,
         };
         Some((this, load))
     }
 
     /// One pass of its loop. `stopj` takes no time here: the arm holds at once.
-    fn step(&mut self, registers: &mut Registers) -> Step {
+    fn step(&mut self, registers: &mut Registers, arm: &ArmState, step_s: f64) -> Step {
         let (command, number) = (registers.integer(INPUTS[0].0), registers.integer(INPUTS[1].0));
         if number == self.number {
             self.silent += 1;
@@ -78,25 +81,36 @@ impl TorqueProgram {
             (self.number, self.silent) = (number, 0);
         }
         registers.set(ACKNOWLEDGED, Value::Int32(number));
-        let torques = command == Order::Torque([0.0; JOINTS]).number();
-        if !torques && std::mem::replace(&mut self.follows, torques) {
+        let follows = follows(registers);
+        if !follows && self.follows {
             self.silent = 0;
         }
-        self.follows = torques;
+        self.follows = follows;
         let [following, listening] = PATIENCE_STEPS;
-        if self.silent >= if torques { following } else { listening } {
+        if self.silent >= if follows { following } else { listening } {
             return Step::Ends(None);
         }
-        Step::Runs(if torques {
-            ArmCommand::Torque(std::array::from_fn(|j| registers.double(INPUTS[2 + j].0)))
+        let joints = std::array::from_fn(|j| registers.double(INPUTS[2 + j].0));
+        if command == Order::Angles(joints).number() {
+            let mover = self.mover.get_or_insert_with(|| Mover::new(arm.q));
+            mover.servo(joints, LOOKAHEAD_S);
+            return Step::Runs(mover.step(step_s));
+        }
+        self.mover = None;
+        Step::Runs(if follows {
+            ArmCommand::Torque(joints)
         } else {
             ArmCommand::Hold
         })
     }
 }
 
-/// The number of the last package of inputs, if it asks for torques.
-pub(super) fn torque_order(registers: &Registers) -> Option<i32> {
-    let torques = registers.integer(INPUTS[0].0) == Order::Torque([0.0; JOINTS]).number();
-    torques.then(|| registers.integer(INPUTS[1].0))
+/// Whether the last package of inputs asks for torques or angles.
+fn follows(registers: &Registers) -> bool {
+    registers.integer(INPUTS[0].0) > Order::Listen.number()
+}
+
+/// The number of that package.
+pub(super) fn moving_order(registers: &Registers) -> Option<i32> {
+    follows(registers).then(|| registers.integer(INPUTS[1].0))
 }

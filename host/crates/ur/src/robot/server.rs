@@ -10,7 +10,7 @@ use spherecal_cyclic::{Listener, PeriodClock, Process, Published, Side};
 use super::controls::{ArmCommand, ArmHardware, Controls, RobotConfig, RobotStatistics, Step};
 use super::outputs::{Outputs, known};
 use super::ports::{Ports, Session, Wanted, open};
-use super::programs::{Program, torque_order};
+use super::programs::{Program, moving_order};
 use super::registers::Registers;
 use crate::JOINTS;
 use crate::wire::{
@@ -187,7 +187,7 @@ impl RobotServer {
         if controls.stop_program.swap(false, Ordering::Relaxed) || !self.permits() {
             self.end();
         }
-        let order = torque_order(&self.registers).filter(|number| *number != self.seen);
+        let order = moving_order(&self.registers).filter(|number| *number != self.seen);
         self.seen = order.unwrap_or(self.seen);
         let Some(program) = &mut self.program else {
             let after = order.is_some_and(|number| number.wrapping_sub(self.ended) > SEES_END);

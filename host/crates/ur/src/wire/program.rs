@@ -10,7 +10,8 @@ use crate::JOINTS;
 ///
 /// - `direct_torque` takes one control step, as `sync` does. The robot adds gravity and most of the joints' friction.
 /// - 12 steps are 24 ms: as long as a controller without states keeps its last torque.
-/// - While no torque is wanted the robot holds its pose by its own position control.
+/// - Angles are followed by the robot's own position control, with the least smoothing that it permits: the setpoint is smooth.
+/// - While nothing is wanted the robot holds its pose.
 pub const PROGRAM: &str = "\
 def spherecal_torque_1():
   set_target_payload(read_input_float_register(30), [read_input_float_register(31), read_input_float_register(32), read_input_float_register(33)], [read_input_float_register(34), read_input_float_register(35), read_input_float_register(36), read_input_float_register(37), read_input_float_register(38), read_input_float_register(39)], 0)
@@ -32,6 +33,10 @@ def spherecal_torque_1():
       follows = True
       patience = 12
       direct_torque([read_input_float_register(24), read_input_float_register(25), read_input_float_register(26), read_input_float_register(27), read_input_float_register(28), read_input_float_register(29)], viscous_scale=[0.9, 0.9, 0.8, 0.9, 0.9, 0.9], coulomb_scale=[0.8, 0.8, 0.7, 0.8, 0.8, 0.8])
+    elif command == 3:
+      follows = True
+      patience = 12
+      servoj([read_input_float_register(24), read_input_float_register(25), read_input_float_register(26), read_input_float_register(27), read_input_float_register(28), read_input_float_register(29)], t=0.002, lookahead_time=0.03, gain=300)
     elif follows:
       follows = False
       patience = 500
@@ -44,12 +49,14 @@ def spherecal_torque_1():
   stopj(4.0)
 end
 ";
-/// Control steps without a new number after which the program ends while it follows torques, and while it does not.
+/// Time by which `servoj` looks ahead in [`PROGRAM`], s.
+pub const LOOKAHEAD_S: f64 = 0.03;
+/// Control steps without a new number after which the program ends while it follows torques or angles, and while it does not.
 pub const PATIENCE_STEPS: [u32; 2] = [12, 500];
 
 /// Output register with the acknowledged number.
 pub const ACKNOWLEDGED: &str = "output_int_register_24";
-/// Input registers of the program: what it shall do, the number of the package, torques (N m), and the load: mass (kg), centre
+/// Input registers of the program: what it shall do, the number of the package, torques (N m) or angles (rad), and the load: mass (kg), centre
 /// of mass (m) and inertia (kg m²: xx, yy, zz, xy, xz, yz) in the frame of the flange. A fieldbus may have the registers 0 to 23.
 pub const INPUTS: [(&str, FieldType); 18] = [
     ("input_int_register_24", FieldType::Int32),
@@ -91,6 +98,8 @@ pub enum Order {
     Listen,
     /// Follow these torques, without gravity, N m.
     Torque([f64; JOINTS]),
+    /// Follow these angles by the robot's own position control, rad.
+    Angles([f64; JOINTS]),
 }
 
 impl Order {
@@ -99,6 +108,7 @@ impl Order {
         match self {
             Self::Listen => 1,
             Self::Torque(_) => 2,
+            Self::Angles(_) => 3,
         }
     }
 }

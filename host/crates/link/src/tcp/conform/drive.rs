@@ -206,6 +206,7 @@ impl Talk {
             tick: self.state.tick,
             tau: self.state.q.iter().map(|_| 0.0).collect(),
             enable: false,
+            ..DriveCommand::default()
         }
     }
 
