@@ -5,7 +5,7 @@
 //! gives its position. The other parts of the row are [`Seen`]. Each part has three residuals: in m
 //! for a target, in rad (a rotation vector) for the body, both in the axes of F0.
 
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{DMatrix, Matrix3, Rotation3, Vector3};
 
 use super::chain::{Kinematics, N, Prepared, State, bend};
 use super::load::HoldingMoments;
@@ -24,6 +24,16 @@ pub(crate) struct Block {
     pub(crate) residual: Vector3<f64>,
     /// Line of sight: see [`Own::sight`](crate::normal::Own::sight).
     pub(crate) sight: Vector3<f64>,
+}
+
+/// How shifts and turns of the tool about its leading target move the parts of a row (3K x 3 each); `None` of one target.
+pub(crate) fn tool_columns(parts: &[Block]) -> Option<[DMatrix<f64>; 2]> {
+    let columns = |of: fn(Vector3<f64>, Vector3<f64>) -> Vector3<f64>| {
+        let value = |r: usize, axis| parts[r / 3].arm.map(|arm| of(Vector3::ith(axis, 1.0), arm)[r % 3]);
+        DMatrix::from_fn(3 * parts.len(), 3, |r, c| value(r, c).unwrap_or_default())
+    };
+    let several = parts.iter().any(|part| part.arm.is_some());
+    several.then(|| [columns(|e, _| e), columns(|e, arm| e.cross(&arm))])
 }
 
 impl Layout {

@@ -21,7 +21,7 @@ use super::tails::tails;
 use crate::chain::{Prepared, State};
 use crate::normal::{Whitening, plain_columns};
 use crate::parameters::Layout;
-use crate::parts::Block;
+use crate::parts::{Block, tool_columns};
 use crate::seen::RowPart;
 use crate::solve::{Posterior, Unknowns};
 
@@ -117,14 +117,7 @@ impl StackedRow {
         let joints = DMatrix::from_fn(rows, n, |r, c| blocks[r / 3].joints[c][r % 3]);
         let residual = DVector::from_fn(rows, |r, _| blocks[r / 3].residual[r % 3]);
         let axes: Vec<PartAxes> = blocks.iter().map(|b| PartAxes::new(observation, b)).collect();
-        let several = blocks.iter().any(|block| block.arm.is_some());
-        let tool = several.then(|| {
-            let e = |axis: usize| Vector3::ith(axis, 1.0);
-            let columns = |of: &dyn Fn(&Vector3<f64>, usize) -> Vector3<f64>| {
-                DMatrix::from_fn(rows, 3, |r, c| blocks[r / 3].arm.map_or(0.0, |arm| of(&arm, c)[r % 3]))
-            };
-            [columns(&|_, axis| e(axis)), columns(&|arm, axis| e(axis).cross(arm))]
-        });
+        let tool = tool_columns(blocks);
         let mut covariance = &joints * joints.transpose() * variances[JOINT];
         for (columns, slot) in tool.iter().flatten().zip([SHIFT, TURN]) {
             covariance += columns * columns.transpose() * variances[slot];
