@@ -98,9 +98,17 @@ impl<const N: usize> Controller<N> {
             let beyond = SVector::from(state.tau) - snapshot.gravity;
             self.disturbance.start(&beyond, self.safety.limits());
         }
-        self.wrench = self
-            .observer
-            .update(&snapshot, &state.tau, self.procedure.law.observer_rad_s, self.period_s);
+        // Where the drive has followed angles, its torques are those of its own control, friction included: they tell no force.
+        let followed = self.last.as_ref().is_some_and(|last| !last.follow.is_empty());
+        self.wrench = if followed {
+            self.observer.reset();
+            self.torque_loop.reset();
+            self.pressing.reset();
+            Wrench::default()
+        } else {
+            self.observer
+                .update(&snapshot, &state.tau, self.procedure.law.observer_rad_s, self.period_s)
+        };
         let share = (STILL_FILTER * self.period_s).min(1.0);
         let mut joint_speed = 0.0f64;
         let filtered_q = self.filtered_q.get_or_insert(state.q);
@@ -136,7 +144,7 @@ impl<const N: usize> Controller<N> {
         };
         let touch = self.activity.touch(self.may_be_on_sphere);
         let external = self.observer.residual();
-        if let Some(violation) = self.pressing.check(touch, &snapshot, &force, external, self.period_s) {
+        if !followed && let Some(violation) = self.pressing.check(touch, &snapshot, &force, external, self.period_s) {
             self.fail(violation);
         }
         self.costs.end_of(Stage::Guards);
@@ -154,9 +162,7 @@ impl<const N: usize> Controller<N> {
         self.costs.end_of(Stage::Law);
         let law = &self.procedure.law;
         let (gain, corner, bound) = (law.torque_loop_gain, law.torque_loop_rad_s, law.torque_loop_nm);
-        if follows {
-            self.torque_loop.reset();
-        } else {
+        if !followed {
             self.watch_answer(&delivered);
         }
         let limits = &self.procedure.limits;
@@ -164,7 +170,7 @@ impl<const N: usize> Controller<N> {
         let violation = envelope
             .tcp(&snapshot.tcp.position, &snapshot.velocity, limits, self.period_s)
             .or_else(|| {
-                let sent = &self.last.as_ref()?.tau;
+                let sent = &self.last.as_ref().filter(|_| !followed)?.tau;
                 envelope.torque(sent, &delivered, joints, limits, self.period_s)
             });
         if let Some(violation) = violation {
@@ -183,10 +189,8 @@ impl<const N: usize> Controller<N> {
         let correction = self
             .torque_loop
             .correction(&exerted, gain, &poles, bound, self.period_s);
-        if !follows {
-            for i in 0..N {
-                wanted[i] += correction[i];
-            }
+        for i in 0..N {
+            wanted[i] += correction[i];
         }
         if !wanted
             .iter()
