@@ -38,6 +38,8 @@ pub struct UrArm {
     asked: [f64; JOINTS],
     /// What the position control has summed up since it began: the error's integral, rad s.
     missed: [f64; JOINTS],
+    /// Velocities of the last setpoint, rad/s.
+    followed: [f64; JOINTS],
     noise: Normal<f64>,
     random: ChaCha8Rng,
     motor_torque: [f64; JOINTS],
@@ -81,6 +83,7 @@ impl UrArm {
             holds: true,
             asked: [0.0; JOINTS],
             missed: [0.0; JOINTS],
+            followed: [0.0; JOINTS],
             noise: Normal::new(0.0, noise).map_err(|_| PlantError::Massless)?,
             random: ChaCha8Rng::seed_from_u64(config.seed),
             motor_torque: [0.0; JOINTS],
@@ -102,19 +105,32 @@ impl UrArm {
     }
 
     /// Torques of the position control, without gravity, N m.
-    fn position_control(&mut self, q: &[f64; JOINTS], qd: &[f64; JOINTS]) -> [f64; JOINTS] {
+    fn position_control(
+        &mut self,
+        q: &[f64; JOINTS],
+        qd: &[f64; JOINTS],
+        acceleration: &[f64; JOINTS],
+    ) -> [f64; JOINTS] {
         let sensed = self.plant.sensed();
-        let mut wanted = SVector::zeros();
-        for j in 0..JOINTS {
-            let error = q[j] - sensed.q[j];
-            self.missed[j] += error * PERIOD_S;
-            let spring = error + FOLLOW_PER_S * self.missed[j];
-            wanted[j] = FOLLOW_RAD_S * (FOLLOW_RAD_S * spring + 2.0 * (qd[j] - sensed.dq[j]));
-        }
         let mut mass = self.known.bodies(&self.known.frames(&sensed.q)).mass_matrix();
         self.known.add_rotors(&mut mass);
-        for (j, motor) in self.plant.declared_motors().iter().enumerate() {
+        let motors = self.plant.declared_motors();
+        for (j, motor) in motors.iter().enumerate() {
             mass[(j, j)] += motor;
+        }
+        let mut wanted = SVector::zeros();
+        for j in 0..JOINTS {
+            // A damper on the motor alone, which an elastic joint leaves to itself, must not turn its speed round in a period.
+            let most = 0.25 * motors[j] / (PERIOD_S * mass[(j, j)]);
+            let rad_s = if motors[j] > 0.0 {
+                FOLLOW_RAD_S.min(most)
+            } else {
+                FOLLOW_RAD_S
+            };
+            let error = q[j] - sensed.q[j];
+            self.missed[j] += error * PERIOD_S;
+            let spring = error + FOLLOW_PER_S.min(0.5 * rad_s) * self.missed[j];
+            wanted[j] = acceleration[j] + rad_s * (rad_s * spring + 2.0 * (qd[j] - sensed.dq[j]));
         }
         (mass * wanted).into()
     }
@@ -145,6 +161,15 @@ impl ur::ArmHardware for UrArm {
     }
 
     fn step(&mut self, command: ur::ArmCommand, step_s: f64) -> ur::ArmState {
+        // From rest where nothing was followed before.
+        let before = std::mem::replace(
+            &mut self.followed,
+            match command {
+                ur::ArmCommand::Follow(_, qd) => qd,
+                _ => [0.0; JOINTS],
+            },
+        );
+        let acceleration = std::array::from_fn(|j| (self.followed[j] - before[j]) / step_s.max(PERIOD_S));
         let ticks = (step_s / PERIOD_S).round().clamp(1.0, 100.0) as u32;
         for _ in 0..ticks {
             match command {
@@ -153,7 +178,7 @@ impl ur::ArmHardware for UrArm {
                 }
                 ur::ArmCommand::Torque(torque) => self.follow(torque),
                 ur::ArmCommand::Follow(q, qd) => {
-                    let torque = self.position_control(&q, &qd);
+                    let torque = self.position_control(&q, &qd, &acceleration);
                     self.follow(torque);
                 }
             }
@@ -267,9 +292,10 @@ mod tests {
             let mut arm = UrArm::new(&model, &with_ur_motors(&config), &q).expect("an arm");
             let speed = [0.3, -0.3, 0.3, 0.3, -0.3, 0.3];
             let (mut end, mut off, mut left) = (q, 0.0f64, 0.0f64);
-            for period in 0..1000 {
-                let moving = period < 400;
-                let qd = if moving { speed } else { [0.0; JOINTS] };
+            for period in 0..1000u32 {
+                // To 0.3 rad/s and back to rest with 2 rad/s², as a robot moves.
+                let share = f64::from(period.min(400 - period.min(400))) / 75.0;
+                let qd = speed.map(|speed| speed * share.min(1.0));
                 end = std::array::from_fn(|j| end[j] + qd[j] * 2e-3);
                 let at = arm.step(ur::ArmCommand::Follow(end, qd), 2e-3);
                 let now = (0..JOINTS).fold(0.0f64, |most, j| most.max((at.q[j] - end[j]).abs()));
