@@ -4,9 +4,9 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::chain::{N, Prepared};
+use super::chain::Prepared;
 use super::hierarchy::Fit;
-use super::normal::Root;
+use super::normal::distances;
 use super::targets::Reference;
 
 /// Length of a whitened residual from which a row is an outlier: beyond what the tails of the noise explain.
@@ -75,32 +75,14 @@ pub struct GroupFit {
 pub(super) fn residuals(fit: &Fit) -> (Residual, Vec<GroupFit>) {
     let (state, layout) = (&fit.state, &fit.layout);
     let row = |((observation, &weight), &share): ((&Prepared, &f64), &f64)| {
-        let mut columns = [Vector3::zeros(); N];
-        let k = state.at(observation);
-        for j in 0..layout.n {
-            columns[j] = k.frames[j].z().cross(&(k.tcp - k.frames[j].position));
-        }
-        let own = fit
-            .whitening
-            .leading(observation, state.sight(observation, &observation.target));
-        let shared = fit
-            .whitening
-            .shared(&columns[..layout.n], observation.has_several().then(Vector3::zeros));
-        let root = Root::new(&fit.whitening.covariance(&shared, &own));
-        let residual = state.residual(observation, &k.tcp);
+        let residual = state.residual(observation, &state.at(observation).tcp);
         let residual = residual + fit.by_causes.get(&observation.index).copied().unwrap_or_default();
-        let white = root.times(&residual);
         // Of more rows than the causes were tested in, the others are held against the noise of the fit.
-        let deviation = match fit.left.get(&observation.index) {
-            Some(left) => left.sqrt(),
-            None if observation.further.is_empty() => white.norm() * fit.cross.white,
-            None => {
-                let blocks = state.further(layout.n, observation, &k);
-                let shared = shared.iter().map(|column| root.times(column)).collect();
-                let (rest, _) = fit.whitening.further_parts(layout.n, shared, white, &blocks);
-                ((white.norm_squared() + rest) * 3.0 / observation.numbers()).sqrt() * fit.cross.white
-            }
-        };
+        let square = fit.left.get(&observation.index).copied().unwrap_or_else(|| {
+            let own = distances(state, layout, std::slice::from_ref(observation), &fit.whitening);
+            own.iter().map(|row| row.d2 * 3.0 / row.numbers).sum::<f64>() * fit.cross.white.powi(2)
+        });
+        let deviation = square.sqrt();
         let rotation = state.bases.get(observation.reference).map(|b| b.rotation);
         let error = rotation.unwrap_or_else(Matrix3::identity) * residual * 1000.0;
         ResidualRow {

@@ -1,10 +1,10 @@
 //! The noise of a row: of the joints, of each instrument, and the tails of both.
 //!
-//! A row's covariance is `C = σ_q² J Jᵀ + diag(σ_k² I)`, with the joint noise that all its parts share and each part's own
-//! noise. Several targets also share shifts and turns of the tool that no joint makes: between them the instrument has hardly any noise,
-//! and where the arm is singular, what no joint makes would rule the fit. `C` turns with the posture, so the data separate the two. Each variance is updated by one step of the MM algorithm
-//! of Zhou, Hu, Zhou and Lange (2019) on the restricted likelihood: with the residual `r`, weight `w` and the model's own
-//! uncertainty `G = A P Aᵀ` at a row,
+//! A row's covariance is `C = σ_q² J Jᵀ + diag(σ_k² I)`, with the joint noise that all its parts share and each part's own noise.
+//! Several targets also share shifts and turns of the tool that no joint makes: between them the instrument has hardly any noise, and
+//! where the arm is singular, what no joint makes would rule the fit. `C` turns with the posture, so the data separate the noises. Each
+//! variance is updated by one step of the MM algorithm of Zhou, Hu, Zhou and Lange (2019) on the restricted likelihood: with the
+//! residual `r`, weight `w` and the model's own uncertainty `G = A P Aᵀ` at a row,
 //!
 //! `σ² ← σ² · Σ w |Qᵀ C⁻¹ r|² / Σ tr(Qᵀ (C⁻¹ − w C⁻¹ G C⁻¹) Q)`
 //!
