@@ -4,7 +4,7 @@ use super::controls::{ArmCommand, ArmState, Step};
 use super::mover::Mover;
 use super::registers::Registers;
 use super::ur_rtde::UrRtde;
-use crate::wire::{ACKNOWLEDGED, INPUTS, LOOKAHEAD_S, Load, Order, PATIENCE_STEPS, PROGRAM, Value};
+use crate::wire::{ACKNOWLEDGED, INPUTS, Load, Order, PATIENCE_STEPS, PROGRAM, SERVO_LOOKAHEAD_S, Value};
 
 #[derive(Debug)]
 pub(super) struct TorqueProgram {
@@ -93,7 +93,7 @@ impl TorqueProgram {
         let joints = std::array::from_fn(|j| registers.double(INPUTS[2 + j].0));
         if command == Order::Angles(joints).number() {
             let mover = self.mover.get_or_insert_with(|| Mover::new(arm.q));
-            mover.servo(joints, LOOKAHEAD_S);
+            mover.servo(joints, SERVO_LOOKAHEAD_S);
             return Step::Runs(mover.step(step_s));
         }
         self.mover = None;

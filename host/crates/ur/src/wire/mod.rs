@@ -28,7 +28,7 @@ pub use package::{
     Setup, TextLevel, TextMessage, take_package,
 };
 pub use primary::KinematicsInfo;
-pub use program::{ACKNOWLEDGED, INPUTS, LOOKAHEAD_S, Load, Order, PATIENCE_STEPS, PROGRAM, program_name};
+pub use program::{ACKNOWLEDGED, INPUTS, Load, Order, PATIENCE_STEPS, PROGRAM, SERVO_LOOKAHEAD_S, program_name};
 pub use value::{FieldType, IN_USE, NOT_FOUND, Value};
 
 use spherecal_budget::robot::HTTP_BYTES;

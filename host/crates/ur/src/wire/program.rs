@@ -50,14 +50,14 @@ def spherecal_torque_1():
 end
 ";
 /// Time by which `servoj` looks ahead in [`PROGRAM`], s.
-pub const LOOKAHEAD_S: f64 = 0.03;
+pub const SERVO_LOOKAHEAD_S: f64 = 0.03;
 /// Control steps without a new number after which the program ends while it follows torques or angles, and while it does not.
 pub const PATIENCE_STEPS: [u32; 2] = [12, 500];
 
 /// Output register with the acknowledged number.
 pub const ACKNOWLEDGED: &str = "output_int_register_24";
-/// Input registers of the program: what it shall do, the number of the package, torques (N m) or angles (rad), and the load: mass (kg), centre
-/// of mass (m) and inertia (kg m²: xx, yy, zz, xy, xz, yz) in the frame of the flange. A fieldbus may have the registers 0 to 23.
+/// Input registers of the program: what it shall do, the number of the package, torques (N m) or angles (rad), and the load: mass (kg),
+/// centre of mass (m) and inertia (kg m²: xx, yy, zz, xy, xz, yz) in the frame of the flange. A fieldbus may have the registers 0 to 23.
 pub const INPUTS: [(&str, FieldType); 18] = [
     ("input_int_register_24", FieldType::Int32),
     ("input_int_register_25", FieldType::Int32),

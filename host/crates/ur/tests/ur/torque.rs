@@ -12,7 +12,8 @@ use spherecal_ur::client::{
 };
 use spherecal_ur::robot::{ArmCommand, ArmHardware, ArmState, RobotConfig, RobotSide, start_robot};
 use spherecal_ur::wire::{
-    Answer, INPUTS, Load, Order, PATIENCE_STEPS, PROGRAM, Recipe, Request, SafetyMode, Series, Value, take_package,
+    Answer, INPUTS, Load, Order, PATIENCE_STEPS, PROGRAM, Recipe, Request, SERVO_LOOKAHEAD_S, SafetyMode, Series,
+    Value, take_package,
 };
 
 use crate::common::{calibration, config};
@@ -276,6 +277,7 @@ fn other_programs_are_refused_by_name() {
     let mut reader = ReadOnlyClient::connect(&config).expect("a connection");
     let changed = PROGRAM.replace("patience = 12", "patience = 13");
     assert_ne!(changed, PROGRAM);
+    assert!(PROGRAM.contains(&format!("lookahead_time={SERVO_LOOKAHEAD_S},")));
     for (text, name) in [
         ("def wave():\n  movej([0,0,0,0,0,0])\nend\n", "wave"),
         (&changed, "spherecal_torque_1"),
