@@ -54,14 +54,14 @@ impl CrossEffects {
         DMatrix::from_fn(3, all.len(), |axis, c| all[c][axis] * self.size_rad)
     }
 
-    /// Draws of the displacements (3n a column) at `postures` by the errors, with that by which the estimate is off because of
-    /// them. `unknowns` are the draws of all unknowns, `free` the columns (3n) of those that are no such errors.
+    /// Draws of the displacements (3n a column) at `postures` by the errors about their mean; and that mean, with that by which
+    /// the estimate is off because of them. `unknowns` are the draws of all unknowns, `free` the columns (3n) of those that are no such errors.
     pub(crate) fn draws<'a>(
         &self,
         unknowns: &DMatrix<f64>,
         free: &DMatrix<f64>,
         postures: impl Iterator<Item = (&'a [f64], &'a [Vector3<f64>])>,
-    ) -> DMatrix<f64> {
+    ) -> (DMatrix<f64>, DVector<f64>) {
         let (first, count) = (free.ncols(), self.mean.len() - free.ncols());
         let mut mean = free * self.mean.rows(0, first);
         let mut draws = DMatrix::zeros(free.nrows(), unknowns.ncols());
@@ -73,8 +73,7 @@ impl CrossEffects {
             mean += &all * self.mean.rows(first, count);
             draws = all * unknowns.rows(first, count);
         }
-        draws.column_iter_mut().for_each(|mut column| column += &mean);
-        draws
+        (draws, mean)
     }
 }
 

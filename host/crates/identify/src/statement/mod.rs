@@ -14,6 +14,8 @@
 mod budget;
 mod region;
 mod taken;
+#[cfg(test)]
+mod tests;
 
 use nalgebra::{DMatrix, Vector3};
 use rand::SeedableRng as _;

@@ -120,13 +120,19 @@ impl Maker<'_> {
             .par_iter()
             .map(|row| self.calibration.columns_at(row.q, Some((row.reference, row.sphere))))
             .collect();
-        let mut columns = DMatrix::zeros(3 * rows.len(), self.calibration.covariance.ncols());
-        for (k, (block, _)) in own.iter().enumerate() {
-            columns.rows_mut(3 * k, 3).copy_from(block);
+        // What is predicted of a row is the arm with the errors that the result leaves out.
+        let cross = &self.calibration.cross;
+        let mut columns = DMatrix::zeros(3 * rows.len(), cross.covariance.ncols());
+        for (k, (row, (block, joints))) in rows.iter().zip(&own).enumerate() {
+            let (free, beside) = (block.ncols(), cross.at(row.q, joints));
+            columns.view_mut((3 * k, 0), block.shape()).copy_from(block);
+            if free < columns.ncols() {
+                columns.view_mut((3 * k, free), beside.shape()).copy_from(&beside);
+            }
         }
-        let spread = &columns * &self.calibration.covariance;
-        let posture = |(k, (row, (a, joints))): (usize, (&&MeasuredRow<'_>, &(DMatrix<f64>, Vec<Vector3<f64>>)))| {
-            let g = a * spread.rows(3 * k, 3).transpose();
+        let spread = &columns * &cross.covariance;
+        let posture = |(k, (row, (_, joints))): (usize, (&&MeasuredRow<'_>, &(DMatrix<f64>, Vec<Vector3<f64>>)))| {
+            let g = columns.rows(3 * k, 3) * spread.rows(3 * k, 3).transpose();
             let g = Matrix3::from_fn(|r, c| g[(r, c)]);
             let (factor, alone) = left_out(self.calibration, &g, joints, row)?;
             let posture = Posture {
@@ -217,6 +223,12 @@ impl Maker<'_> {
             column *= effect.factor(&sizes, *noisy);
             column.gemv(1.0, &effect.shifts, &sizes, 1.0);
         }
+        let each = postures
+            .iter()
+            .zip(&own)
+            .map(|(p, (_, joints))| (&p.q[..], &joints[..]));
+        let (mut cross, mean) = calibration.cross.draws(self.unknowns, &columns, each);
+        draws += &cross;
         for (k, posture) in postures.iter().enumerate() {
             let Some(factor) = &posture.factor else { continue };
             for mut column in draws.column_iter_mut() {
@@ -224,12 +236,9 @@ impl Maker<'_> {
                 (0..3).for_each(|axis| column[3 * k + axis] = v[axis]);
             }
         }
-        let each = postures
-            .iter()
-            .zip(&own)
-            .map(|(p, (_, joints))| (&p.q[..], &joints[..]));
-        let mut cross = calibration.cross.draws(self.unknowns, &columns, each);
-        draws += &cross;
+        for together in [&mut draws, &mut cross] {
+            together.column_iter_mut().for_each(|mut column| column += &mean);
+        }
         taken.of_draws(&mut cross);
         let cross_square = cross.norm_squared() / (count * cross.ncols()).max(1) as f64;
         let joint_square = own
