@@ -330,7 +330,12 @@ impl Calibration {
             };
             (p.name.clone(), set)
         });
-        Overrides(found.collect())
+        // A file has no instrument whose scale could be wrong.
+        let scale = Override {
+            free: Some(false),
+            ..Override::default()
+        };
+        Overrides(found.chain([("scale".to_owned(), scale)]).collect())
     }
 
     /// Names of the free parameters, in the order of [`Self::covariance`].
