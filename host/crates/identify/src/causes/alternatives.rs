@@ -126,6 +126,11 @@ impl Family {
             Self::Certificate | Self::Slip | Self::Drift | Self::SphereMoved | Self::Seat | Self::Place
         )
     }
+
+    /// Whether it changes what is fitted: targets, or the load.
+    pub(crate) fn is_of_inputs(self) -> bool {
+        self.is_of_cell() || self == Self::Payload
+    }
 }
 
 impl Alternative {

@@ -4,6 +4,7 @@ use nalgebra::DVector;
 use serde::Serialize;
 
 use super::alternatives::{Alternative, Family};
+use super::payload::PAYLOAD_UNIT_KG;
 
 /// A cause that the data speak for.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -33,6 +34,13 @@ pub struct Finding {
     pub(crate) columns: Vec<(DVector<f64>, f64)>,
     #[serde(skip)]
     pub(crate) effect: DVector<f64>,
+}
+
+impl Finding {
+    /// How much heavier (kg) than stated the load at the flange is, if this is about it.
+    pub(crate) fn load_kg(&self) -> Option<f64> {
+        (self.alternative == Alternative::Payload).then(|| self.effect.sum() * PAYLOAD_UNIT_KG)
+    }
 }
 
 /// The largest statistic of a family, found or not.

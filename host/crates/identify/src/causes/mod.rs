@@ -34,6 +34,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DVector, Vector3};
 
+pub(crate) use self::payload::hang;
 pub(crate) use self::tail::log_tail;
 
 use self::cross::Cross;
@@ -61,6 +62,27 @@ pub struct Causes {
 }
 
 impl Causes {
+    /// The causes that change what is fitted: those in the cell, and the load.
+    pub(crate) fn of_inputs(&self) -> impl Iterator<Item = &Finding> {
+        self.findings
+            .iter()
+            .filter(|finding| finding.alternative.family().is_of_inputs())
+    }
+
+    /// How much heavier (kg) than stated the load at the flange is, if the data say it.
+    pub(crate) fn load_kg(&self) -> Option<f64> {
+        self.findings.iter().find_map(Finding::load_kg)
+    }
+
+    /// Says that no target is free of the causes in the cell.
+    pub(crate) fn forget_displacements(&mut self) {
+        let in_cell = |finding: &&mut Finding| finding.alternative.family().is_of_cell();
+        self.findings
+            .iter_mut()
+            .filter(in_cell)
+            .for_each(|finding| finding.effect.fill(0.0));
+    }
+
     /// The causes in the cell: what is no error of the arm.
     pub(crate) fn in_cell(&self) -> impl Iterator<Item = &Finding> {
         self.findings

@@ -5,7 +5,7 @@
 //! finds too little load with too little evidence. So a load that is tried is linearised where both are estimated.
 
 use nalgebra::{DVector, Vector3};
-use spherecal_shared::robot::GRAVITY_M_S2;
+use spherecal_shared::robot::{GRAVITY_M_S2, Tool};
 
 use super::extended::Extended;
 use super::linear::{Linear, Posture};
@@ -20,6 +20,15 @@ pub(crate) const PAYLOAD_UNIT_KG: f64 = 200.0;
 /// How far the load is likely to be from the stated one, as a part of the arm's own mass: collaborative arms carry a quarter
 /// of their mass, more or less. Without it, a load of 30 kg was named where hardly any compliance was left for it to act on.
 const LIKELY: f64 = 0.25;
+
+/// Hangs a load (kg, heavier than stated) at the tool's centre of mass: half way to the flange where the tool has no mass.
+pub(crate) fn hang(tool: &mut Tool, load_kg: f64) {
+    let body = &mut tool.body;
+    if body.mass_kg <= 0.0 {
+        body.com_m = tool.tcp_m.map(|at| 0.5 * at);
+    }
+    body.mass_kg = (body.mass_kg + load_kg).max(0.0);
+}
 
 /// What the load at the flange does, where the masses are known.
 pub(crate) struct LoadEffects<'a> {

@@ -68,9 +68,13 @@ pub(crate) fn scan(
         let Some(index) = trials.iter().position(is_known) else {
             continue;
         };
-        // With the others in the model the data may no longer see it.
+        // With the others in the model the data may no longer see it, and what is left of a load that already hangs there.
         let columns = selection.wide(index);
         if columns.is_empty() {
+            if known.load_kg().is_some() {
+                findings.push(known.clone());
+                means.push(model.mean().rows(0, model.m).into_owned());
+            }
             continue;
         }
         let candidate = Candidate::new(index, &known.alternative, linear, &model, columns, loaded)?;

@@ -243,7 +243,7 @@ impl<'a> Selection<'a> {
         tests
     }
 
-    /// A finding, its effect from the model `with` its columns, beside what was `known` of it before if it is in the cell.
+    /// A finding, its effect from the model `with` its columns, beside what was `known` of it before if the fit holds that.
     pub(super) fn finding(
         &self,
         index: usize,
@@ -256,7 +256,7 @@ impl<'a> Selection<'a> {
     ) -> Finding {
         let trial = &self.trials[index];
         let (mut effect, covariance) = with.named_effect(&columns);
-        if let Some(known) = known.filter(|known| known.alternative.family().is_of_cell()) {
+        if let Some(known) = known.filter(|known| known.alternative.family().is_of_inputs()) {
             effect += &known.effect;
         }
         let shift = effect.rows(0, effect.len().min(3)).into_owned();

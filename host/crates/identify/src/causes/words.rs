@@ -206,7 +206,9 @@ pub(crate) fn next(alternative: &Alternative) -> &'static str {
         Alternative::Place { sphere: Some(_), .. } => {
             "look whether this sphere sat firmly in this placement, and measure the placement again"
         }
-        Alternative::Payload => "weigh the tool and give --payload-kg and --payload-com-mm",
+        Alternative::Payload => {
+            "weigh the tool and give --payload-kg and --payload-com-mm; the result holds with the load that was found"
+        }
     }
 }
 

@@ -9,9 +9,11 @@ use super::{EvaluateError, EvaluateOptions};
 use crate::causes::{self, Causes, Course};
 use crate::hierarchy::constants::{CAUSE_ROUNDS, CAUSE_STAYS, ROWS_PER_SEAT};
 use crate::hierarchy::{Before, Ends, Fit, Scale};
+
 use crate::{
     Calibration, Experiment, IdentifyError, Method, Model, Options, Override, Target, finish, hierarchy, identify_from,
 };
+use spherecal_shared::robot::Tool;
 
 /// A tool further than this (m) from what was said is taken from the data.
 const TOOL_FAR_M: f64 = 0.005;
@@ -32,6 +34,8 @@ pub(super) struct ChosenFit {
     pub(super) nominal: NominalFrames,
     /// Whether the tool was taken from the data.
     pub(super) found_tool: bool,
+    /// The tool that the fit began with, and what hangs there.
+    tool: Tool,
     /// The result.
     pub(super) calibration: Calibration,
     /// What its residuals name.
@@ -42,8 +46,17 @@ impl ChosenFit {
     /// The experiment that the calibration was identified from, with some of its rows.
     pub(super) fn experiment<'a>(&self, experiment: &'a Experiment, rows: &[usize]) -> Cow<'a, Experiment> {
         let mut own = only(experiment, rows);
-        if self.found_tool {
-            own.to_mut().tool.tcp_m = self.nominal.tcp_m.into();
+        if self.tool != own.tool {
+            own.to_mut().tool = self.tool;
+        }
+        own
+    }
+
+    /// All rows of an experiment with the load that was found.
+    pub(super) fn loaded<'a>(&self, experiment: &'a Experiment) -> Cow<'a, Experiment> {
+        let mut own = Cow::Borrowed(experiment);
+        if self.tool.body != own.tool.body {
+            own.to_mut().tool.body = self.tool.body;
         }
         own
     }
@@ -98,7 +111,7 @@ pub(super) fn fit(
         Method::Lm | Method::GaussNewton => None,
     };
     let (calibration, causes) = if let (Some(model), Some(course)) = (model, course) {
-        let (fit, causes) = explained(&own, &options, model, &course.of_rows(&used))?;
+        let (fit, causes) = explained(&mut own, &options, model, &course.of_rows(&used))?;
         (finish::finish(&own, &options, model, fit), causes)
     } else {
         let before = Before {
@@ -113,21 +126,24 @@ pub(super) fn fit(
         rejected,
         nominal,
         found_tool,
+        tool: own.tool,
         calibration,
         causes,
     })
 }
 
-/// A fit with the causes that it names.
+/// A fit with the causes that it names, and the tool with the load that hangs there.
 ///
 /// The sizes of the arm's errors and the noise of the first fit hold what moved in the cell, too: a sphere that moved by 20 mm
-/// makes an arm of 10 mm. So it is fitted again to the targets without that, until it stays as it is.
+/// makes an arm of 10 mm. So it is fitted again to the targets without that, until it stays as it is. A load that is another than
+/// stated is a part of the arm that was measured, so it is hung there.
 fn explained(
-    experiment: &Experiment,
+    experiment: &mut Cow<'_, Experiment>,
     options: &Options,
     model: Model,
     course: &Course,
 ) -> Result<(Fit, Causes), IdentifyError> {
+    let stated = experiment.tool;
     let mut causes = Causes::default();
     let mut before = Before {
         scale: Scale::Doubted,
@@ -137,14 +153,22 @@ fn explained(
     loop {
         round += 1;
         let mut fit = hierarchy::fit(experiment, options, model, &before, |_| true)?;
-        let known = std::mem::take(&mut causes);
+        let mut known = std::mem::take(&mut causes);
+        if before.displaced.is_empty() {
+            known.forget_displacements();
+        }
         causes = causes::explain(&mut fit, experiment, options, course, &known)?;
-        let stays = causes.in_cell().count() == known.in_cell().count()
-            && causes.in_cell().zip(known.in_cell()).all(|(now, before)| {
+        let stays = causes.of_inputs().count() == known.of_inputs().count()
+            && causes.of_inputs().zip(known.of_inputs()).all(|(now, before)| {
                 now.alternative == before.alternative && (now.size - before.size).abs() < CAUSE_STAYS * now.sigma
             });
-        if stays || fit.displaced.is_empty() || round == CAUSE_ROUNDS {
+        if stays || (fit.displaced.is_empty() && causes.load_kg().is_none()) || round == CAUSE_ROUNDS {
             return Ok((fit, causes));
+        }
+        if let Some(load_kg) = causes.load_kg() {
+            let tool = &mut experiment.to_mut().tool;
+            *tool = stated;
+            causes::hang(tool, load_kg);
         }
         (before.displaced, before.scale) = (fit.displaced, fit.scale);
     }

@@ -108,14 +108,15 @@ fn folds(
     whole: &ChosenFit,
     folds: &[(String, Vec<usize>)],
 ) -> Result<Vec<Fold>, EvaluateError> {
+    let experiment = whole.loaded(&recordings.experiment);
     folds
         .par_iter()
         .map(|(value, out)| {
             let held: HashSet<usize> = out.iter().copied().collect();
             let rest: Vec<usize> = whole.used.iter().copied().filter(|i| !held.contains(i)).collect();
-            let rest = thinned(&recordings.experiment, &rest, FOLD_ROWS);
+            let rest = thinned(&experiment, &rest, FOLD_ROWS);
             let ends = &whole.calibration.inner.ends;
-            let fit = fit(&recordings.experiment, asked, &whole.options, &rest, None, ends)?;
+            let fit = fit(&experiment, asked, &whole.options, &rest, None, ends)?;
             // Where the file of all rows would be the best.
             let of_rows = || {
                 let every = rest.len().div_ceil(POSTURES).max(1);

@@ -275,7 +275,7 @@ pub(super) fn understand_torques(
                 body.mass_kg
             )
         } else {
-            "no --payload-kg was given: nothing is taken to hang at the flange".to_owned()
+            "no --payload-kg was given: nothing is taken to hang at the flange unless the residuals say so".to_owned()
         }),
     }
 }
