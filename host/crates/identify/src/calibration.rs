@@ -1,5 +1,7 @@
 //! The result: a calibrated robot with everything that is known about its errors.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::Serialize;
 use spherecal_shared::robot::{Robot, Tool};
@@ -8,7 +10,7 @@ use super::chain::{N, OWN, State};
 use super::hierarchy::cross::CrossEffects;
 use super::hierarchy::open::OpenSizes;
 use super::hierarchy::sizes::Strangeness;
-use super::hierarchy::{Displacements, Ends};
+use super::hierarchy::{Displacements, Ends, LeftOut};
 use super::identifiability::Identifiability;
 use super::load::Nominal;
 use super::options::{Method, Model};
@@ -123,6 +125,9 @@ pub struct Calibration {
     /// How far named causes in the cell displace the observations.
     #[serde(skip)]
     pub(crate) displaced: Displacements,
+    /// Some observations, left out of their own prediction, by their index.
+    #[serde(skip)]
+    pub(crate) left_out: BTreeMap<usize, LeftOut>,
     /// Covariance of the free parameters, in the order in which
     /// [`Self::parameters`] lists them, SI units.
     #[serde(skip)]

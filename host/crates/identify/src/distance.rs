@@ -336,6 +336,7 @@ impl DistanceProblem {
             scale: crate::hierarchy::Scale::Known,
             ends: Ends::default(),
             left: std::collections::BTreeMap::new(),
+            left_out: std::collections::BTreeMap::new(),
             open: OpenSizes::none(covariance.nrows()),
             covariance,
             log_evidence: f64::NAN,

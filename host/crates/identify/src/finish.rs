@@ -98,6 +98,7 @@ pub(crate) fn finish(experiment: &Experiment, options: &Options, model: Model, f
         open: fit.open.clone(),
         cross: fit.cross.clone(),
         displaced: fit.displaced.clone(),
+        left_out: fit.left_out.clone(),
         inner: Inner {
             layout: layout.clone(),
             state: state.clone(),

@@ -8,6 +8,9 @@ use spherecal_identify::evaluate::{Evaluation, Judge, Judged, JudgedModel};
 /// Most points in a figure: more would not be visible, and would make the page large.
 pub(super) const DRAWN: usize = 5000;
 
+/// Most points of predicted against actual errors: each takes a covariance of the whole model.
+const PREDICTED: usize = 400;
+
 /// At most [`DRAWN`] items, evenly spread.
 pub(super) fn thinned<T>(items: &[T]) -> Vec<&T> {
     items.iter().step_by(items.len().div_ceil(DRAWN).max(1)).collect()
@@ -98,8 +101,9 @@ pub fn prediction(evaluation: &Evaluation, recordings: &Recordings) -> Option<Pr
         .model("calibrated")
         .map_or(&[][..], |m: &JudgedModel| m.samples.as_slice());
     let judges: Vec<Judge<'_>> = recordings.judges(evaluation.cross_validated).collect();
-    let pairs_mm = thinned(found)
+    let pairs_mm = found
         .iter()
+        .step_by(found.len().div_ceil(PREDICTED).max(1))
         .filter_map(|s| {
             let q = &judges.get(s.index)?.observation.q;
             let sigma = evaluation.predicted_sigma_mm(q);

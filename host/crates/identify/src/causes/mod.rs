@@ -15,6 +15,7 @@ mod columns;
 mod cross;
 mod extended;
 mod finding;
+mod left_out;
 pub(crate) mod linear;
 mod patterns;
 mod payload;
@@ -167,6 +168,7 @@ pub(crate) fn explain(
     fit.replace_posterior(mean, covariance);
     (fit.cross.size_rad, fit.cross.white) = (size_rad, white);
     fit.by_causes = unwhitened(&linear, &found.model.displaced(before_causes));
+    fit.left_out = left_out::left_out(&linear, &found.model);
     fit.left = left(&linear, &(found.model.displaced(0) - &linear.y));
     let families = if known.findings.is_empty() {
         found.families

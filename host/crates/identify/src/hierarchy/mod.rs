@@ -24,7 +24,7 @@ pub(crate) use tails::highest;
 
 use std::collections::BTreeMap;
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use rayon::prelude::*;
 
 use self::alike::Alike;
@@ -75,6 +75,8 @@ pub(crate) struct Fit {
     pub(crate) displaced: Displacements,
     /// Squared length of the whitened residual that causes and [`Self::cross`] leave, scaled to three numbers.
     pub(crate) left: BTreeMap<usize, f64>,
+    /// Some observations, left out of their own prediction, by their index.
+    pub(crate) left_out: BTreeMap<usize, LeftOut>,
     /// How well the sizes of the groups are known.
     pub(crate) open: OpenSizes,
     /// Log evidence (Laplace) at the estimated noise, up to a constant of the data. Each row counts as one, so that fits of the
@@ -89,6 +91,15 @@ pub(crate) struct Fit {
     /// Where its search ended.
     pub(crate) ends: Ends,
     pub(crate) identifiability: Identifiability,
+}
+
+/// An observation that is left out of its own prediction.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LeftOut {
+    /// Turns the uncertainty (m, F0) of what the model says of its first target into that without the observation.
+    pub(crate) factor: Matrix3<f64>,
+    /// Whether it alone determines an unknown, as the only row of a place does: it tells nothing of its own prediction.
+    pub(crate) alone: bool,
 }
 
 impl Fit {
@@ -233,6 +244,7 @@ pub(crate) fn fit(
         by_causes: BTreeMap::new(),
         displaced: Displacements::new(),
         left: BTreeMap::new(),
+        left_out: BTreeMap::new(),
         covariance,
         log_evidence,
         nu: noise.nu,

@@ -98,31 +98,39 @@ impl PartAxes {
     }
 }
 
-/// One row: its joint columns (3K x joints), its residual, and the variance of each part.
-struct StackedRow {
-    joints: DMatrix<f64>,
-    /// Columns of shifts and turns of the tool (3K x 3 each), of a row with several targets.
-    tool: Option<[DMatrix<f64>; 2]>,
+/// One row as the variances see it: its residual and, of each variance that all its parts share, `Q Qᵀ` (3K x 3K).
+struct Row {
+    /// Number of the variance, and the product.
+    shared: Vec<(usize, DMatrix<f64>)>,
     residual: DVector<f64>,
     axes: Vec<PartAxes>,
-    inverse: DMatrix<f64>,
-    /// `C⁻¹ r`.
-    solved: DVector<f64>,
-    pub(crate) d2: f64,
 }
 
-impl StackedRow {
-    fn new(n: usize, observation: &Prepared, blocks: &[Block], variances: &Variances) -> Option<Self> {
+impl Row {
+    fn new(n: usize, observation: &Prepared, blocks: &[Block]) -> Self {
         let rows = 3 * blocks.len();
         let joints = DMatrix::from_fn(rows, n, |r, c| blocks[r / 3].joints[c][r % 3]);
-        let residual = DVector::from_fn(rows, |r, _| blocks[r / 3].residual[r % 3]);
-        let axes: Vec<PartAxes> = blocks.iter().map(|b| PartAxes::new(observation, b)).collect();
-        let tool = tool_columns(blocks);
-        let mut covariance = &joints * joints.transpose() * variances[JOINT];
-        for (columns, slot) in tool.iter().flatten().zip([SHIFT, TURN]) {
-            covariance += columns * columns.transpose() * variances[slot];
+        let tool = tool_columns(blocks).into_iter().flatten();
+        let shared = std::iter::once((JOINT, joints)).chain([SHIFT, TURN].into_iter().zip(tool));
+        Self {
+            shared: shared.map(|(slot, q)| (slot, &q * q.transpose())).collect(),
+            residual: DVector::from_fn(rows, |r, _| blocks[r / 3].residual[r % 3]),
+            axes: blocks.iter().map(|b| PartAxes::new(observation, b)).collect(),
         }
-        for (k, part) in axes.iter().enumerate() {
+    }
+
+    fn numbers(&self) -> f64 {
+        self.residual.len() as f64
+    }
+
+    /// The row with its covariance `C` by the variances.
+    fn solved(&self, variances: &Variances) -> Option<Solved<'_>> {
+        let rows = self.residual.len();
+        let mut covariance = DMatrix::zeros(rows, rows);
+        for (slot, product) in &self.shared {
+            covariance.zip_apply(product, |c, q| *c += variances[*slot] * q);
+        }
+        for (k, part) in self.axes.iter().enumerate() {
             let mut own = covariance.fixed_view_mut::<3, 3>(3 * k, 3 * k);
             own += Matrix3::from_diagonal_element(variances[part.across]);
             if let Some((slot, sight)) = part.along {
@@ -130,32 +138,35 @@ impl StackedRow {
             }
         }
         let factor = covariance.cholesky()?;
-        let solved = factor.solve(&residual);
-        Some(Self {
-            d2: residual.dot(&solved),
+        let weighted = factor.solve(&self.residual);
+        Some(Solved {
+            d2: self.residual.dot(&weighted),
             inverse: factor.inverse(),
-            joints,
-            tool,
-            residual,
-            axes,
-            solved,
+            weighted,
+            row: self,
         })
     }
+}
 
-    fn numbers(&self) -> f64 {
-        self.residual.len() as f64
-    }
+/// A row with its covariance.
+struct Solved<'a> {
+    row: &'a Row,
+    inverse: DMatrix<f64>,
+    /// `C⁻¹ r`.
+    weighted: DVector<f64>,
+    d2: f64,
+}
 
+impl Solved<'_> {
     /// `|Qᵀ C⁻¹ r|²` of every variance.
     fn found(&self) -> Variances {
         let mut found = [0.0; COUNT];
-        found[JOINT] = self.joints.tr_mul(&self.solved).norm_squared();
-        for (columns, slot) in self.tool.iter().flatten().zip([SHIFT, TURN]) {
-            found[slot] = columns.tr_mul(&self.solved).norm_squared();
+        for (slot, product) in &self.row.shared {
+            found[*slot] = self.weighted.dot(&(product * &self.weighted));
         }
-        for (k, part) in self.axes.iter().enumerate() {
-            let solved = self.solved.fixed_rows::<3>(3 * k);
-            part.share(&(solved * solved.transpose()), &mut found);
+        for (k, part) in self.row.axes.iter().enumerate() {
+            let weighted = self.weighted.fixed_rows::<3>(3 * k);
+            part.share(&(weighted * weighted.transpose()), &mut found);
         }
         found
     }
@@ -163,11 +174,10 @@ impl StackedRow {
     /// `tr(Qᵀ M Q)` of every variance.
     fn traces(&self, m: &DMatrix<f64>) -> Variances {
         let mut traces = [0.0; COUNT];
-        traces[JOINT] = (m * &self.joints).dot(&self.joints);
-        for (columns, slot) in self.tool.iter().flatten().zip([SHIFT, TURN]) {
-            traces[slot] = (m * columns).dot(columns);
+        for (slot, product) in &self.row.shared {
+            traces[*slot] = m.dot(product);
         }
-        for (k, part) in self.axes.iter().enumerate() {
+        for (k, part) in self.row.axes.iter().enumerate() {
             part.share(&m.fixed_view::<3, 3>(3 * k, 3 * k).into_owned(), &mut traces);
         }
         traces
@@ -249,14 +259,13 @@ impl RowsNoise {
             return 0.0;
         }
         let n = seen.layout.n;
-        let blocks: Vec<Vec<Block>> = seen.prepared.par_iter().map(|p| seen.state.blocks(n, p)).collect();
-        let stacked = |variances: &Variances| -> Vec<Option<StackedRow>> {
-            let rows = seen.prepared.par_iter().zip(&blocks);
-            rows.map(|(p, blocks)| StackedRow::new(n, p, blocks, variances))
-                .collect()
+        let row = |p| Row::new(n, p, &seen.state.blocks(n, p));
+        let all: Vec<Row> = seen.prepared.par_iter().map(row).collect();
+        let solved = |variances: &Variances| -> Vec<Option<Solved<'_>>> {
+            all.par_iter().map(|row| row.solved(variances)).collect()
         };
         let before = variances_of(&self.whitening);
-        let mut rows = stacked(&before);
+        let mut rows = solved(&before);
         let leverage = Leverage::new(self, seen, &rows);
         // Joints and instruments are hardly told apart where all postures are alike: one step then goes a small part of the way.
         let mut variances = before;
@@ -267,7 +276,7 @@ impl RowsNoise {
             if moved < 0.1 * SETTLED {
                 break;
             }
-            rows = stacked(&variances);
+            rows = solved(&variances);
         }
         self.whitening = Whitening {
             joint: variances[JOINT],
@@ -285,7 +294,7 @@ impl RowsNoise {
                 .iter()
                 .flatten()
                 .enumerate()
-                .map(|(k, row)| (row.d2, row.numbers() * (1.0 - leverage.of(k))));
+                .map(|(k, solved)| (solved.d2, solved.row.numbers() * (1.0 - leverage.of(k))));
             let nu = tails(&squares.collect::<Vec<_>>());
             moved = moved.max(0.2 * (nu / self.nu).ln().abs());
             self.nu = nu;
@@ -294,19 +303,20 @@ impl RowsNoise {
     }
 
     /// One step of all variances; `free` is the share of each variance's numbers that the model leaves to it.
-    fn step(&self, rows: &[Option<StackedRow>], variances: &Variances, free: &Variances) -> Variances {
+    fn step(&self, rows: &[Option<Solved<'_>>], variances: &Variances, free: &Variances) -> Variances {
         let (mut found, mut all, mut count) = ([0.0; COUNT], [0.0; COUNT], [0.0; COUNT]);
-        for row in rows.iter().flatten() {
-            let weight = self.weight(row.d2, row.numbers());
-            let traces = row.traces(&row.inverse);
-            for (k, value) in row.found().into_iter().enumerate() {
+        for solved in rows.iter().flatten() {
+            let numbers = solved.row.numbers();
+            let weight = self.weight(solved.d2, numbers);
+            let traces = solved.traces(&solved.inverse);
+            for (k, value) in solved.found().into_iter().enumerate() {
                 found[k] += weight * value;
                 all[k] += traces[k];
             }
             for slot in [JOINT, SHIFT, TURN] {
-                count[slot] += row.numbers();
+                count[slot] += numbers;
             }
-            for part in &row.axes {
+            for part in &solved.row.axes {
                 part.share(&Matrix3::identity(), &mut count);
             }
         }
@@ -350,9 +360,9 @@ struct Leverage {
 }
 
 impl Leverage {
-    fn new(noise: &RowsNoise, seen: &Seen<'_>, rows: &[Option<StackedRow>]) -> Self {
+    fn new(noise: &RowsNoise, seen: &Seen<'_>, rows: &[Option<Solved<'_>>]) -> Self {
         let every = seen.prepared.len().div_ceil(LEVERAGE_ROWS).max(1);
-        let chosen: Vec<(&Prepared, &StackedRow, f64)> = seen
+        let chosen: Vec<(&Prepared, &Solved<'_>, f64)> = seen
             .prepared
             .iter()
             .zip(rows)
@@ -363,11 +373,12 @@ impl Leverage {
         let rows_of: Vec<&Prepared> = chosen.iter().map(|(p, ..)| *p).collect();
         let (mut some, mut taken) = ([0.0; COUNT], [0.0; COUNT]);
         let mut of_rows = Vec::with_capacity(chosen.len());
-        for ((_, row, share), own) in chosen.iter().zip(own_covariances(seen, &rows_of)) {
-            let weight = share * noise.weight(row.d2, row.numbers());
-            of_rows.push((row.inverse.dot(&own) * weight / row.numbers()).min(1.0));
-            let held = &row.inverse * own * &row.inverse * weight;
-            let (whole, held) = (row.traces(&row.inverse), row.traces(&held));
+        for ((_, solved, share), own) in chosen.iter().zip(own_covariances(seen, &rows_of)) {
+            let (numbers, inverse) = (solved.row.numbers(), &solved.inverse);
+            let weight = share * noise.weight(solved.d2, numbers);
+            of_rows.push((inverse.dot(&own) * weight / numbers).min(1.0));
+            let held = inverse * own * inverse * weight;
+            let (whole, held) = (solved.traces(inverse), solved.traces(&held));
             for k in 0..COUNT {
                 some[k] += whole[k];
                 taken[k] += held[k];

@@ -25,7 +25,8 @@ use serde::{Deserialize, Serialize};
 use spherecal_model::statistics::quantile;
 
 pub use self::budget::{BudgetTerm, ErrorBudget, Source};
-use self::region::{Maker, Posture, Region, Root, Seen, displaced, spread};
+use self::region::{Maker, Posture, Region, Root, Seen, displaced, left_out, spread};
+use crate::hierarchy::LeftOut;
 use crate::hierarchy::constants::{FEWEST_JUDGES, POSTURES};
 use crate::recordings::{Judge, Recordings};
 use crate::residuals::ResidualRow;
@@ -69,8 +70,8 @@ pub(crate) struct MeasuredRow<'a> {
     pub(crate) q: &'a [f64],
     pub(crate) reference: Reference,
     pub(crate) sphere: Option<u32>,
-    /// Robust weight in the fit.
-    pub(crate) weight: f64,
+    /// The row left out of its own prediction, where the fit has it.
+    pub(crate) left_out: Option<LeftOut>,
     /// How far named causes in the cell displaced it, in m in F0.
     pub(crate) displaced: Vector3<f64>,
 }
@@ -84,7 +85,7 @@ pub(crate) fn judging_rows<'a>(recordings: &'a Recordings, closed_loop: bool) ->
             Target::Sphere { sphere, .. } => Some(sphere),
             _ => None,
         },
-        weight: 1.0,
+        left_out: None,
         displaced: Vector3::zeros(),
     };
     recordings.set_aside().map(row).collect()
@@ -104,7 +105,7 @@ pub(crate) fn measured_rows<'a>(experiment: &'a Experiment, calibration: &Calibr
                 Target::Sphere { sphere, .. } => Some(sphere),
                 _ => None,
             },
-            weight: row.weight,
+            left_out: calibration.left_out.get(&row.index).copied(),
             displaced: displaced.map_or_else(Vector3::zeros, |(moved, frame)| frame.base.rotation.tr_mul(moved)),
         })
     };
@@ -153,7 +154,7 @@ impl Statement {
         } else {
             calibration.noise.point_m
         };
-        let seen = maker.left_out(spread(rows));
+        let seen = left_out(rows);
         let judging: Vec<Posture> = spread(judges).map(Posture::of).collect();
         let measured = maker.measured(if judging.len() < FEWEST_JUDGES { &seen } else { &judging }, own_noise)?;
         let work = match work {

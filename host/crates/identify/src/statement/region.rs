@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use rand::seq::IndexedRandom as _;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{ChiSquared, Distribution as _, StandardNormal};
@@ -13,7 +13,7 @@ use spherecal_model::statistics::quantile;
 use super::MeasuredRow;
 use super::taken::Taken;
 use crate::dense::Factor;
-use crate::hierarchy::constants::{AMONG, DRAWS, LARGEST_LEVERAGE, MODEL_ERROR, POSTURES};
+use crate::hierarchy::constants::{AMONG, DRAWS, MODEL_ERROR, POSTURES};
 use crate::workspace::Rigid;
 use crate::{Calibration, Reference};
 
@@ -112,45 +112,6 @@ pub(super) fn square(a: &[f64], b: &[f64]) -> f64 {
 }
 
 impl Maker<'_> {
-    /// The postures of rows that the fit has seen, each with what its own part in the fit is worth. Rows that alone
-    /// determine an unknown, as the only one of a place does, tell nothing of their own prediction.
-    pub(super) fn left_out<'r>(&self, rows: impl Iterator<Item = &'r MeasuredRow<'r>>) -> Vec<Posture> {
-        let rows: Vec<&MeasuredRow<'_>> = rows.collect();
-        let own: Vec<(DMatrix<f64>, Vec<Vector3<f64>>)> = rows
-            .par_iter()
-            .map(|row| self.calibration.columns_at(row.q, Some((row.reference, row.sphere))))
-            .collect();
-        // What is predicted of a row is the arm with the errors that the result leaves out.
-        let cross = &self.calibration.cross;
-        let mut columns = DMatrix::zeros(3 * rows.len(), cross.covariance.ncols());
-        for (k, (row, (block, joints))) in rows.iter().zip(&own).enumerate() {
-            let (free, beside) = (block.ncols(), cross.at(row.q, joints));
-            columns.view_mut((3 * k, 0), block.shape()).copy_from(block);
-            if free < columns.ncols() {
-                columns.view_mut((3 * k, free), beside.shape()).copy_from(&beside);
-            }
-        }
-        let spread = &columns * &cross.covariance;
-        let posture = |(k, (row, (_, joints))): (usize, (&&MeasuredRow<'_>, &(DMatrix<f64>, Vec<Vector3<f64>>)))| {
-            let g = columns.rows(3 * k, 3) * spread.rows(3 * k, 3).transpose();
-            let g = Matrix3::from_fn(|r, c| g[(r, c)]);
-            let (factor, alone) = left_out(self.calibration, &g, joints, row)?;
-            let posture = Posture {
-                factor: Some(factor),
-                ..Posture::of(row)
-            };
-            Some((posture, alone))
-        };
-        let all: Vec<(Posture, bool)> = rows.iter().zip(&own).enumerate().filter_map(posture).collect();
-        let told = all.iter().filter(|(_, alone)| !alone).count();
-        // Of few rows each determines something: then all count, as uncertain as the limit makes them.
-        let few = 2 * told < all.len();
-        all.into_iter()
-            .filter(|(_, alone)| few || !alone)
-            .map(|(posture, _)| posture)
-            .collect()
-    }
-
     /// The region of rows that are measured, with the noise of the instrument. A row in a frame that the fit does not have
     /// counts about the mean of its sphere.
     pub(super) fn measured(&mut self, postures: &[Posture], own_noise: f64) -> Option<Region> {
@@ -323,33 +284,27 @@ pub(super) fn normal(random: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(random)
 }
 
-/// What turns the uncertainty of a row's prediction into that without the row itself: `L (I − h)^(−1/2) L⁻¹`; `g` is the
-/// uncertainty with it, `A P Aᵀ`. And whether the row alone determines an unknown.
-pub(super) fn left_out(
-    calibration: &Calibration,
-    g: &Matrix3<f64>,
-    joints: &[Vector3<f64>],
-    row: &MeasuredRow<'_>,
-) -> Option<(Matrix3<f64>, bool)> {
-    let noise = calibration.noise;
-    let own = if row.sphere.is_some() {
-        noise.seating_m
-    } else {
-        noise.point_m
+/// The postures of rows that the fit has seen, each with what its own part in the fit is worth. Rows that alone determine an
+/// unknown tell nothing of their own prediction. Of a fit that has none left out, all count as they are.
+pub(super) fn left_out(rows: &[MeasuredRow<'_>]) -> Vec<Posture> {
+    let own = |row: &MeasuredRow<'_>| {
+        let left_out = row.left_out?;
+        let posture = Posture {
+            factor: Some(left_out.factor),
+            ..Posture::of(row)
+        };
+        Some((posture, left_out.alone))
     };
-    let mut c = Matrix3::identity() * (own.powi(2) + calibration.inner.shift_variance);
-    for joint in joints {
-        c += joint * joint.transpose() * noise.joint_rad.powi(2);
+    let mut all: Vec<(Posture, bool)> = rows.iter().filter_map(own).collect();
+    if all.is_empty() {
+        return spread(rows).map(Posture::of).collect();
     }
-    let l = (c / row.weight.max(1e-6)).cholesky()?.l();
-    let inverse = l.try_inverse()?;
-    let eigen = SymmetricEigen::new(inverse * g * inverse.transpose());
-    let alone = eigen.eigenvalues.max() > LARGEST_LEVERAGE;
-    let root = eigen
-        .eigenvalues
-        .map(|h| (1.0 - h.clamp(0.0, LARGEST_LEVERAGE)).powf(-0.5));
-    let factor = l * eigen.eigenvectors * Matrix3::from_diagonal(&root) * eigen.eigenvectors.transpose() * inverse;
-    Some((factor, alone))
+    // Of few rows each determines something: then all count, as uncertain as the limit makes them.
+    let told = all.iter().filter(|(_, alone)| !alone).count();
+    if 2 * told >= all.len() {
+        all.retain(|(_, alone)| !alone);
+    }
+    all.into_iter().map(|(posture, _)| posture).collect()
 }
 
 /// A root of a covariance.

@@ -5,6 +5,7 @@ use super::diagnosed::{diagnosed, probability};
 use super::{Check, Evidence, Expected};
 use crate::Method;
 use crate::causes::log_tail;
+use crate::hierarchy::constants::SURE;
 use crate::residuals::OUTLIER_SIGMAS;
 
 /// Name of the check that the arm is a real one.
@@ -53,7 +54,9 @@ fn against_nominal(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
         return;
     };
     let (nominal, calibrated) = (found.nominal, found.calibrated);
-    let better = calibrated.0 < nominal.0;
+    // Rows differ: a gain that chance explains is none.
+    let sure = found.better.is_none_or(|probability| probability >= SURE);
+    let better = calibrated.0 < nominal.0 && sure;
     let comparison = format!("mean {:.3} mm against {:.3} mm {by}", calibrated.0, nominal.0);
     checks.push(Check::new(
         "better_than_nominal",
@@ -63,7 +66,7 @@ fn against_nominal(evidence: &Evidence<'_>, checks: &mut Vec<Check>) {
         if better {
             format!("the calibrated robot is better than the nominal one: {comparison}")
         } else {
-            format!("the calibrated robot is not better than the nominal one: {comparison}")
+            format!("the calibrated robot is not better than the nominal one, or only by chance: {comparison}")
         },
     ));
     if better {
