@@ -3,17 +3,17 @@
 use std::borrow::Cow;
 use std::collections::HashSet;
 
+use spherecal_shared::robot::Tool;
+
 use super::align::{NominalFrames, align};
 use super::thin::only;
 use super::{EvaluateError, EvaluateOptions};
 use crate::causes::{self, Causes, Course};
 use crate::hierarchy::constants::{CAUSE_ROUNDS, CAUSE_STAYS, ROWS_PER_SEAT};
 use crate::hierarchy::{Before, Ends, Fit, Scale};
-
 use crate::{
     Calibration, Experiment, IdentifyError, Method, Model, Options, Override, Target, finish, hierarchy, identify_from,
 };
-use spherecal_shared::robot::Tool;
 
 /// A tool further than this (m) from what was said is taken from the data.
 const TOOL_FAR_M: f64 = 0.005;
