@@ -36,7 +36,8 @@ mod tests {
     use spherecal_model::chain::Chain;
     use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
-    use crate::{Experiment, Observation, Options, Set, Target, halton_configurations, identify};
+    use crate::testing::points;
+    use crate::{Options, halton_configurations, identify};
 
     // Fails if the compensator's own arithmetic does not give the TCP of the full model, or if its
     // command does not take the full model to the nominal TCP.
@@ -45,24 +46,11 @@ mod tests {
         let (robot, tool) = (iiwa7(), iiwa7_tool());
         let chain = Chain::unchecked(&robot, &tool);
         // Every group of effects gets a value: angles with waves, and a TCP that sags with its reach.
-        let observations = halton_configurations(&robot, 120).into_iter().map(|q| {
+        let experiment = points((&robot, &tool), halton_configurations(&robot, 120), |q| {
             let real: Vec<f64> = q.iter().map(|q| q + 4e-4 * q.cos() - 2e-4 * (2.0 * q).sin()).collect();
             let tcp = chain.tcp_of(&chain.frames(&real));
-            let sag = Vector3::z() * (-5e-4 * tcp.xy().norm_squared());
-            Observation {
-                seat: None,
-                target: Target::Point((tcp + sag).into()),
-                q,
-                tau: None,
-                set: Set::Calibrate,
-            }
+            tcp + Vector3::z() * (-5e-4 * tcp.xy().norm_squared())
         });
-        let experiment = Experiment {
-            robot: robot.clone(),
-            tool,
-            spheres: Vec::new(),
-            observations: observations.collect(),
-        };
         let full = identify(&experiment, &Options::default()).unwrap();
         assert!(
             full.compliance_rad_per_nm

@@ -5,10 +5,8 @@ use spherecal_model::chain::Chain;
 use spherecal_shared::robot::{iiwa7, iiwa7_tool};
 
 use crate::statement::measured_rows;
-use crate::{
-    Calibration, Experiment, GeometryOnly, Method, Observation, Options, Set, Statement, Target, halton_configurations,
-    identify,
-};
+use crate::testing::points;
+use crate::{Calibration, Experiment, GeometryOnly, Method, Options, Statement, halton_configurations, identify};
 
 /// The geometry alone of a calibration of `experiment`, over its own postures.
 fn alone(full: &Calibration, experiment: &Experiment) -> GeometryOnly {
@@ -28,19 +26,9 @@ fn geometry_alone_takes_up_the_mean_of_the_effects() {
     // Joints that yield under a load that turns with them. The cosine has a mean over the
     // range of a joint, which an offset can take up; a sine would have none.
     let yielding = |q: &[f64]| -> Vec<f64> { q.iter().map(|q| q - 6e-4 * q.cos()).collect() };
-    let observations = halton_configurations(&robot, 300).into_iter().map(|q| Observation {
-        seat: None,
-        target: Target::Point(chain.tcp_of(&chain.frames(&yielding(&q))).into()),
-        q,
-        tau: None,
-        set: Set::Calibrate,
+    let experiment = points((&robot, &tool), halton_configurations(&robot, 300), |q| {
+        chain.tcp_of(&chain.frames(&yielding(q)))
     });
-    let experiment = Experiment {
-        robot: robot.clone(),
-        tool,
-        spheres: Vec::new(),
-        observations: observations.collect(),
-    };
     let full = identify(&experiment, &Options::default()).unwrap();
     let alone = alone(&full, &experiment);
     let judging: Vec<Vec<f64>> = halton_configurations(&robot, 900).split_off(700);
@@ -90,19 +78,9 @@ fn directions_that_hardly_move_the_tcp_stay_where_they_are() {
             .map(|j| q[j] - 6e-4 * q[j].cos() - 4e-4 * (2.0 * q[j] + next(j)).sin())
             .collect()
     };
-    let observations = halton_configurations(&robot, 200).into_iter().map(|q| Observation {
-        seat: None,
-        target: Target::Point(chain.tcp_of(&chain.frames(&yielding(&q))).into()),
-        q,
-        tau: None,
-        set: Set::Calibrate,
+    let experiment = points((&robot, &tool), halton_configurations(&robot, 200), |q| {
+        chain.tcp_of(&chain.frames(&yielding(q)))
     });
-    let experiment = Experiment {
-        robot: robot.clone(),
-        tool,
-        spheres: Vec::new(),
-        observations: observations.collect(),
-    };
     let full = identify(&experiment, &Options::default()).unwrap();
     let alone = alone(&full, &experiment);
     for (own, table) in full.robot.joints.iter().zip(&alone.robot.joints) {
@@ -129,19 +107,9 @@ fn a_longer_arm_is_no_wrong_scale() {
         joint.mdh.d *= 1.001;
     }
     let chain = Chain::unchecked(&longer, &tool);
-    let observations = halton_configurations(&robot, 150).into_iter().map(|q| Observation {
-        seat: None,
-        target: Target::Point(chain.tcp_of(&chain.frames(&q)).into()),
-        q,
-        tau: None,
-        set: Set::Calibrate,
+    let experiment = points((&robot, &tool), halton_configurations(&robot, 150), |q| {
+        chain.tcp_of(&chain.frames(q))
     });
-    let experiment = Experiment {
-        robot: robot.clone(),
-        tool,
-        spheres: Vec::new(),
-        observations: observations.collect(),
-    };
     let mut full = identify(&experiment, &Options::default()).unwrap();
     // As if the lengths of this arm were known well.
     let lengths = full

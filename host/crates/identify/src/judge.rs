@@ -12,6 +12,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::causes::log_tail;
 use super::errors::{Errors, SampleError, error};
 use super::judge_targets::{AngleStatistics, Further, ToolPredictor, Turned, align_further, further_errors};
 use super::targets::{first_target, frame_of, measured_tcp};
@@ -55,6 +56,19 @@ pub struct JudgedModel {
 }
 
 impl JudgedModel {
+    /// Probability that its mean error is the smaller one, by how the differences between rows scatter; `None` of fewer than two.
+    pub(crate) fn better_than(&self, other: &Self) -> Option<f64> {
+        let pairs = other.samples.iter().zip(&self.samples);
+        let gains: Vec<f64> = pairs.map(|(other, own)| other.distance_mm - own.distance_mm).collect();
+        let count = gains.len() as f64;
+        let mean = gains.iter().sum::<f64>() / count;
+        let variance = gains.iter().map(|gain| (gain - mean).powi(2)).sum::<f64>() / (count - 1.0);
+        let sigmas = mean / (variance / count).sqrt();
+        let beyond = 0.5 * log_tail(sigmas * sigmas, 1).exp();
+        let sure = if sigmas > 0.0 { 1.0 - beyond } else { beyond };
+        sigmas.is_finite().then_some(sure)
+    }
+
     /// Statistics over the samples.
     pub fn errors(&self) -> Errors {
         let d: Vec<f64> = self.samples.iter().map(|s| s.distance_mm).collect();
@@ -273,4 +287,39 @@ pub struct HeldOut {
     pub folds: Vec<Fold>,
     /// All of them together.
     pub pooled: Judged,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{JudgedModel, SampleError};
+
+    fn model(distances_mm: impl IntoIterator<Item = f64>) -> JudgedModel {
+        let sample = |distance_mm| SampleError {
+            index: 0,
+            at_m: [0.0; 3],
+            error_mm: [distance_mm, 0.0, 0.0],
+            distance_mm,
+        };
+        JudgedModel {
+            samples: distances_mm.into_iter().map(sample).collect(),
+            ..JudgedModel::default()
+        }
+    }
+
+    // Fails if a gain within the scatter of the rows is one, if a small gain that all rows have is none, if a loss is a gain, or if one
+    // row tells anything.
+    #[test]
+    fn a_gain_is_one_beyond_chance() {
+        let scattered = |k: u32| if k.is_multiple_of(2) { 0.2 } else { 2.0 };
+        let nominal = model((0..60).map(|k| 1.11 + 0.01 * f64::from(k % 3)));
+        let chance = model((0..60).map(scattered)).better_than(&nominal).unwrap();
+        assert!((0.5..0.9).contains(&chance), "{chance}");
+        let small = model((0..60).map(|k| 1.05 + 0.02 * f64::from(k % 2)));
+        let (gain, loss) = (
+            small.better_than(&nominal).unwrap(),
+            nominal.better_than(&small).unwrap(),
+        );
+        assert!(gain > 0.999 && loss < 0.001, "{gain} and {loss}");
+        assert!(model([0.1]).better_than(&model([1.0])).is_none());
+    }
 }

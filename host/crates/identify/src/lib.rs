@@ -84,6 +84,8 @@ mod statement;
 pub mod study;
 mod target_fit;
 mod targets;
+#[cfg(test)]
+mod testing;
 pub mod validate;
 mod values;
 pub mod verdict;

@@ -40,7 +40,7 @@ pub(crate) use self::tail::log_tail;
 
 use self::cross::Cross;
 use self::linear::Linear;
-use self::payload::LoadEffects;
+use self::payload::{LoadEffects, PAYLOAD_UNIT_KG};
 use self::scan::scan;
 use crate::chain::Prepared;
 use crate::error::IdentifyError;
@@ -73,6 +73,12 @@ impl Causes {
     /// How much heavier (kg) than stated the load at the flange is, if the data say it.
     pub(crate) fn load_kg(&self) -> Option<f64> {
         self.findings.iter().find_map(Finding::load_kg)
+    }
+
+    /// Says how much of the load (kg) the fit holds.
+    pub(crate) fn hung(&mut self, load_kg: f64) {
+        let loads = self.findings.iter_mut().filter(|finding| finding.load_kg().is_some());
+        loads.for_each(|finding| finding.effect.fill(load_kg / PAYLOAD_UNIT_KG));
     }
 
     /// Says that no target is free of the causes in the cell.

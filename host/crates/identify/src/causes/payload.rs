@@ -21,13 +21,16 @@ pub(crate) const PAYLOAD_UNIT_KG: f64 = 200.0;
 /// of their mass, more or less. Without it, a load of 30 kg was named where hardly any compliance was left for it to act on.
 const LIKELY: f64 = 0.25;
 
-/// Hangs a load (kg, heavier than stated) at the tool's centre of mass: half way to the flange where the tool has no mass.
-pub(crate) fn hang(tool: &mut Tool, load_kg: f64) {
+/// Hangs a load (kg, heavier than stated) at the tool's centre of mass: half way to the flange where the tool has no mass. Returns
+/// what hangs there more than before: nothing weighs less than nothing.
+pub(crate) fn hang(tool: &mut Tool, load_kg: f64) -> f64 {
     let body = &mut tool.body;
-    if body.mass_kg <= 0.0 {
+    let before = body.mass_kg;
+    if before <= 0.0 {
         body.com_m = tool.tcp_m.map(|at| 0.5 * at);
     }
-    body.mass_kg = (body.mass_kg + load_kg).max(0.0);
+    body.mass_kg = (before + load_kg).max(0.0);
+    body.mass_kg - before
 }
 
 /// What the load at the flange does, where the masses are known.
@@ -146,5 +149,25 @@ impl LoadEffects<'_> {
             model,
             columns,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use spherecal_shared::robot::Tool;
+
+    use super::hang;
+
+    // Fails if a load hangs elsewhere than half way to the flange, or if a tool gets a mass below zero, which no reader takes.
+    #[test]
+    fn a_load_hangs_at_the_tool() {
+        let mut tool = Tool {
+            tcp_m: [0.1, 0.0, 0.2],
+            ..Tool::default()
+        };
+        assert_eq!(hang(&mut tool, 2.0), 2.0);
+        assert_eq!((tool.body.mass_kg, tool.body.com_m), (2.0, [0.05, 0.0, 0.1]));
+        assert_eq!(hang(&mut tool, -3.0), -2.0);
+        assert_eq!(tool.body.mass_kg, 0.0);
     }
 }

@@ -168,7 +168,7 @@ fn explained(
         if let Some(load_kg) = causes.load_kg() {
             let tool = &mut experiment.to_mut().tool;
             *tool = stated;
-            causes::hang(tool, load_kg);
+            causes.hung(causes::hang(tool, load_kg));
         }
         (before.displaced, before.scale) = (fit.displaced, fit.scale);
     }

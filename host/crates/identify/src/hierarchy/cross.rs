@@ -55,7 +55,8 @@ impl CrossEffects {
     }
 
     /// Draws of the displacements (3n a column) at `postures` by the errors about their mean; and that mean, with that by which
-    /// the estimate is off because of them. `unknowns` are the draws of all unknowns, `free` the columns (3n) of those that are no such errors.
+    /// the estimate is off because of them. `unknowns` are the draws of all unknowns, `free` the columns (3n) of those that are no
+    /// such errors.
     pub(crate) fn draws<'a>(
         &self,
         unknowns: &DMatrix<f64>,

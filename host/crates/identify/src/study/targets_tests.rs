@@ -97,8 +97,9 @@ fn long_targets_and_poses_go_from_file_to_file() {
             let other = of(&again, &parameter.name);
             let base = parameter.name.starts_with("base");
             let off = (parameter.estimate - other.estimate).abs();
-            // The frame turns the search a little, which ends when no size moves by 1 %.
-            assert!(base || off <= 0.1 * parameter.sigma, "{parameter:?} {other:?}");
+            // The table does not say where the instrument stood, so poses have another line of sight.
+            let sigmas = if poses { 0.1 } else { 0.01 };
+            assert!(base || off <= sigmas * parameter.sigma, "{parameter:?} {other:?}");
         }
         let far = again.recordings.experiment.observations.iter();
         let far = far

@@ -18,7 +18,7 @@ use serde::Serialize;
 use spherecal_model::Chain;
 use spherecal_shared::robot::Tool;
 
-use crate::causes::{Causes, log_tail};
+use crate::causes::Causes;
 use crate::hierarchy::constants::SURE;
 use crate::judge::{HeldOut, Judged};
 use crate::recordings::Recordings;
@@ -210,23 +210,10 @@ impl Evidence<'_> {
         Some(Compared {
             nominal: of("nominal")?,
             calibrated: of("calibrated")?,
-            better: self.better_by_rows(),
+            better: self
+                .judged
+                .and_then(|judged| judged.model("calibrated")?.better_than(judged.model("nominal")?)),
         })
-    }
-
-    /// Probability that the calibrated robot is better than the nominal one, by the rows that judge both.
-    fn better_by_rows(&self) -> Option<f64> {
-        let of = |name: &str| Some(&self.judged?.model(name)?.samples);
-        let pairs = of("nominal")?.iter().zip(of("calibrated")?);
-        let gains: Vec<f64> = pairs.map(|(n, c)| n.distance_mm - c.distance_mm).collect();
-        let count = gains.len() as f64;
-        let mean = gains.iter().sum::<f64>() / count;
-        let variance = gains.iter().map(|gain| (gain - mean).powi(2)).sum::<f64>() / (count - 1.0);
-        let sigmas = mean / (variance / count).sqrt();
-        let beyond = 0.5 * log_tail(sigmas * sigmas, 1).exp();
-        sigmas
-            .is_finite()
-            .then_some(if sigmas > 0.0 { 1.0 - beyond } else { beyond })
     }
 }
 
