@@ -35,10 +35,10 @@ class InputError(SpherecalError, ValueError):
 
     >>> import spherecal
     >>> try:
-    ...     spherecal.Robot("ur5")
+    ...     spherecal.Robot("ur5ee")
     ... except spherecal.InputError as error:
     ...     print(error.field, error.value)
-    robot ur5
+    robot ur5ee
     """
 
 

@@ -18,7 +18,7 @@ def test_the_command_is_the_program(command, tmp_path):
     assert (version.returncode, version.stdout) == (0, f"spherecal {spherecal.__version__}\n")
     wrong = command("identify", "--no-such-option")
     assert wrong.returncode == 2 and "--no-such-option" in wrong.stderr and wrong.stdout == ""
-    missing = command("identify", "--robot", "ur5", "--data", tmp_path / "none.csv", "--out", tmp_path)
+    missing = command("identify", "--robot", "ur5ee", "--data", tmp_path / "none.csv", "--out", tmp_path)
     assert missing.returncode == 2 and "neither built in nor a file" in missing.stderr
     listed = command("robot", "list")
     assert listed.returncode == 0 and all(name in listed.stdout for name in spherecal.BUILT_IN)
@@ -57,7 +57,7 @@ def test_plans_that_cannot_be_made_are_refused():
     for arguments, words in [
         ({"poses": 0}, "poses is 0: give at least 1"),
         ({"poses": 5, "accuracy": 1e-4}, "not both"),
-        ({"robot": "ur5"}, "neither built in nor a file"),
+        ({"robot": "ur5ee"}, "neither built in nor a file"),
         ({"config": "missing.toml"}, "config is missing.toml"),
         ({"config": "no_such_field = 1\n"}, "no_such_field"),
         ({"seed": -1}, "seed is -1"),
@@ -109,4 +109,4 @@ def test_a_job_is_simulated(tmp_path):
     tables = spherecal.simulate(tmp_path / "cell", poses=12, preset="typical", seed=3)
     assert len(tables["poses"]) == 12 and (tmp_path / "cell" / "report.html").is_file()
     with pytest.raises(spherecal.JobFailed, match="neither built in nor a file"):
-        spherecal.simulate(tmp_path / "none", robot="ur5")
+        spherecal.simulate(tmp_path / "none", robot="ur5ee")

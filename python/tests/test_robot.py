@@ -94,7 +94,7 @@ def test_a_pose_out_of_reach_is_refused():
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: Robot("ur5"), r'"ur5" is neither built in nor a file: did you mean ur5e\? Else give one of iiwa7'),
+        (lambda: Robot("ur5ee"), r'"ur5ee" is neither built in nor a file: did you mean ur5e\? Else give one of iiwa7'),
         (lambda: Robot("missing.urdf"), "missing.urdf"),
         (lambda: Robot(7), "robot is 7: give a built-in name"),
         (lambda: Robot("<robot"), "urdf text"),
@@ -124,5 +124,5 @@ def test_exceptions_have_their_classes():
     for error in (spherecal.InputError, spherecal.Refused, spherecal.Unreachable, spherecal.JobFailed):
         assert issubclass(error, spherecal.SpherecalError)
     with pytest.raises(ValueError, match="neither built in") as caught:
-        Robot("ur5")
-    assert (caught.value.field, caught.value.value) == ("robot", "ur5")
+        Robot("ur5ee")
+    assert (caught.value.field, caught.value.value) == ("robot", "ur5ee")

@@ -66,7 +66,7 @@ pub struct PlantArgs {
     /// primary interface is three ports below. Real robots, and some clients, know port 30004 only.
     #[arg(long, value_name = "[HOST:]PORT", conflicts_with_all = ["fci", "fri", "listen", "real_time", "once", "tolerant"])]
     pub ur: Option<String>,
-    /// With --ur: be a CB3 (125 Hz), not an e-Series robot (500 Hz).
+    /// With --ur: be a CB3 (125 Hz; a UR5 without --config), not an e-Series robot (500 Hz).
     #[arg(long, requires = "ur")]
     pub cb3: bool,
     /// With --ur: have the software PolyScope X 10.12.1, with a Robot API in place of the dashboard: five ports below RTDE's, and

@@ -15,6 +15,8 @@ use spherecal_job as job;
 
 /// The robot without `--config`.
 const ROBOT: &str = "ur5e";
+/// Robots of the CB3 series; the second is the one without `--config`.
+const CB3: [&str; 3] = ["ur3", "ur5", "ur10"];
 
 /// The largest number in a calibration: rad, or m between the frames of parallel joints.
 const MOST: f64 = 1e5;
@@ -43,7 +45,7 @@ pub(super) fn universal_robots(args: &PlantArgs, at: &str) -> Result<Exit, CliEr
     let at = address("--ur", at)?;
     let mut config = args.configuration()?;
     if args.config.is_none() {
-        ROBOT.clone_into(&mut config.robot);
+        (if args.cb3 { CB3[1] } else { ROBOT }).clone_into(&mut config.robot);
     }
     let nominal = ur_lengths(&config.robot).ok_or_else(|| {
         CliError::input(format!(
@@ -60,7 +62,22 @@ pub(super) fn universal_robots(args: &PlantArgs, at: &str) -> Result<Exit, CliEr
         Some(path) => Box::new(guided::<6>(&config, path)?),
         None => Box::new(simulated::ur_robot(&config)?),
     };
-    let series = if args.cb3 { Series::Cb3 } else { Series::ESeries };
+    let cb3 = CB3.contains(&config.robot.as_str());
+    let wrong = match () {
+        () if args.cb3 && !cb3 => Some((
+            "--cb3",
+            "which is no CB3: write robot = \"ur5\" in the configuration, or leave --cb3 out",
+        )),
+        () if args.polyscope_x && cb3 => Some(("--polyscope-x", "a CB3, whose software is 3: leave --polyscope-x out")),
+        () => None,
+    };
+    if let Some((option, why)) = wrong {
+        return Err(CliError::input(format!(
+            "{option}: robot is \"{}\", {why}",
+            config.robot
+        )));
+    }
+    let series = if cb3 { Series::Cb3 } else { Series::ESeries };
     let kinematics = KinematicsInfo {
         theta: dh.theta,
         a: dh.a,

@@ -108,7 +108,9 @@ fn the_own_calibration_is_read_and_what_cannot_be_is_refused() {
     let folder = folder.path();
     write_csv(&folder.join("dh.csv"), DH.iter().map(|row| row.to_vec()));
     write_csv(&folder.join("short.csv"), DH[..5].iter().map(|row| row.to_vec()));
-    std::fs::write(folder.join("panda.toml"), "robot = \"panda\"\n").expect("a file");
+    for robot in ["panda", "ur5e", "ur10"] {
+        std::fs::write(folder.join(format!("{robot}.toml")), format!("robot = \"{robot}\"\n")).expect("a file");
+    }
     let robot = Server::start_in(folder, &["plant", "--ur", "0", "--cb3", "--dh", "dh.csv"]);
     let link = robot.peer.as_str();
     for file in ["own.toml", "own.yaml", "own.urdf"] {
@@ -155,6 +157,16 @@ fn the_own_calibration_is_read_and_what_cannot_be_is_refused() {
         (&["plant", "--ur", "0", "--fci"], 2, "--fci"),
         (&["plant", "--cb3"], 2, "--ur"),
         (&["plant", "--ur", "0", "--cb3", "--polyscope-x"], 2, "--cb3"),
+        (
+            &["plant", "--ur", "0", "--config", "ur5e.toml", "--cb3"],
+            2,
+            "which is no CB3",
+        ),
+        (
+            &["plant", "--ur", "0", "--config", "ur10.toml", "--polyscope-x"],
+            2,
+            "leave --polyscope-x out",
+        ),
     ] {
         let output = spherecal(folder, arguments);
         let said = text(&output.stderr);

@@ -14,7 +14,7 @@ use super::kinematics::MdhRow;
 
 /// Names of the built-in robots. Of several that are equally near to a wrong name, the first is suggested.
 pub const BUILT_IN: &[&str] = &[
-    "iiwa7", "iiwa14", "panda", "fr3", "ur5e", "ur10e", "ur3e", "ur16e", "ur20", "ur30", "irb120",
+    "iiwa7", "iiwa14", "panda", "fr3", "ur5e", "ur10e", "ur3e", "ur16e", "ur20", "ur30", "ur3", "ur5", "ur10", "irb120",
 ];
 
 #[rustfmt::skip]
@@ -53,6 +53,9 @@ pub fn built_in(name: &str) -> Option<Robot> {
         "ur16e" => &arms::UR16E,
         "ur20" => &arms::UR20,
         "ur30" => &arms::UR30,
+        "ur3" => &arms::UR3,
+        "ur5" => &arms::UR5,
+        "ur10" => &arms::UR10,
         "irb120" => &arms::IRB120,
         _ => return None,
     };

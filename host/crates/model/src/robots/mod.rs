@@ -83,9 +83,10 @@ pub fn built_in(name: &str) -> Option<RobotModel> {
 /// another robot.
 pub fn payload_kg(name: &str) -> Option<f64> {
     match name {
-        "panda" | "fr3" | "irb120" | "ur3e" => Some(3.0),
-        "ur5e" => Some(5.0),
+        "panda" | "fr3" | "irb120" | "ur3" | "ur3e" => Some(3.0),
+        "ur5" | "ur5e" => Some(5.0),
         "iiwa7" => Some(7.0),
+        "ur10" => Some(10.0),
         "ur10e" => Some(12.5),
         "iiwa14" => Some(14.0),
         "ur16e" => Some(16.0),

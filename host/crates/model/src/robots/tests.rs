@@ -171,6 +171,9 @@ fn built_in_tables_are_the_published_robots() {
         ("ur16e", "ur16e"),
         ("ur20", "ur20"),
         ("ur30", "ur30"),
+        ("ur3", "ur3"),
+        ("ur5", "ur5"),
+        ("ur10", "ur10"),
         ("irb120", "irb120"),
     ] {
         let table = load(name).unwrap();

@@ -111,13 +111,16 @@ fn origins<const N: usize>(rows: [(&str, [f64; 3], [f64; 3]); N]) -> Vec<JointOr
 }
 
 /// The built-in robots of Universal Robots, with the lengths d1, a2, a3, d4, d5, d6 of their data sheets, without signs (m).
-pub(super) const UR_ROBOTS: [(&str, [f64; 6]); 6] = [
+pub(super) const UR_ROBOTS: [(&str, [f64; 6]); 9] = [
     ("ur5e", [0.1625, 0.425, 0.3922, 0.1333, 0.0997, 0.0996]),
     ("ur10e", [0.1807, 0.6127, 0.57155, 0.17415, 0.11985, 0.11655]),
     ("ur3e", [0.15185, 0.24355, 0.2132, 0.13105, 0.08535, 0.0921]),
     ("ur16e", [0.1807, 0.4784, 0.36, 0.17415, 0.11985, 0.11655]),
     ("ur20", [0.2363, 0.862, 0.7287, 0.201, 0.1593, 0.1543]),
     ("ur30", [0.2363, 0.637, 0.5037, 0.201, 0.1593, 0.1543]),
+    ("ur3", [0.1519, 0.24365, 0.21325, 0.11235, 0.08535, 0.0819]),
+    ("ur5", [0.089159, 0.425, 0.39225, 0.10915, 0.09465, 0.0823]),
+    ("ur10", [0.1273, 0.612, 0.5723, 0.163941, 0.1157, 0.0922]),
 ];
 
 /// Nominal origins of a robot of Universal Robots from the lengths of its data sheet (m).

@@ -50,7 +50,9 @@ fn joint_origins_go_round_in_the_vendors_forms() {
 /// Fails if a built-in robot and the URDF by its vendor give other joint origins.
 #[test]
 fn built_in_and_vendors_files_give_the_same_origins() {
-    for name in ["ur5e", "ur10e", "ur3e", "ur16e", "ur20", "ur30", "panda", "fr3"] {
+    for name in [
+        "ur5e", "ur10e", "ur3e", "ur16e", "ur20", "ur30", "ur3", "ur5", "ur10", "panda", "fr3",
+    ] {
         let table = load(name).unwrap();
         let file = load_urdf_text(name, &data(&format!("{name}.urdf")), None).unwrap();
         assert_eq!(table.joint_names, file.joint_names, "{name}");

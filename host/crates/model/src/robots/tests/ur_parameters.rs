@@ -11,8 +11,6 @@ use super::super::vendor::{UR_KEYS, UR_ROBOTS};
 use super::super::*;
 use crate::halton::halton;
 
-const UR10: [f64; 6] = [0.1273, 0.612, 0.5723, 0.163941, 0.1157, 0.0922];
-
 /// Corrections of theta, a, d and alpha.
 const CORRECTIONS: [[[f64; 6]; 4]; 3] = [
     [
@@ -153,9 +151,12 @@ fn a_calibrated_robot_moves_as_its_parameters_say() {
         position: Vector3::zeros(),
     };
     for correction in &CORRECTIONS {
-        let dh = corrected(UrParameters::of_lengths(UR10), correction);
+        let dh = corrected(
+            UrParameters::of_lengths(ur_lengths("ur10").expect("built in")),
+            correction,
+        );
         let model = dh.robot().expect("a robot");
-        assert_eq!(model.robot.name.as_str(), "ur", "a UR10 is not built in");
+        assert_eq!(model.robot.name.as_str(), "ur10");
         for k in 1..200 {
             let q: Vec<f64> = (0..6).map(|j| 12.0 * (halton(k, j) - 0.5)).collect();
             let expected = compose(&half_turn, &by_definition(&dh, &q));
