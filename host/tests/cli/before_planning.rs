@@ -16,7 +16,7 @@ const FILES: &[(&str, &str)] = &[
     ("mass.toml", "[cell.tool]\nmass_kg = -1.0\n"),
     ("trigger.toml", "[procedure.approach]\ntrigger_n = -5\n"),
     ("nan.toml", "[cell.tool]\nmass_kg = nan\n"),
-    ("robot.toml", "robot = \"ur6\"\n"),
+    ("robot.toml", "robot = \"ur5x\"\n"),
     ("robot.urdf", "<robot name=\"x\"><link name=\"a\"/></robot>\n"),
 ];
 
@@ -72,12 +72,12 @@ const MISTAKES: &[Mistake] = &[
     (
         "an unknown robot in the configuration",
         &["run", "--config", "robot.toml"],
-        &["ur6", "did you mean ur5e?"],
+        &["ur5x", "did you mean ur5e?"],
     ),
     (
         "an unknown robot",
-        &["run", "--robot", "ur6"],
-        &["\"ur6\" is neither built in nor a file", "did you mean ur5e?"],
+        &["run", "--robot", "ur5x"],
+        &["\"ur5x\" is neither built in nor a file", "did you mean ur5e?"],
     ),
     (
         "no such robot file",

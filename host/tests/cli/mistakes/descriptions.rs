@@ -103,11 +103,11 @@ pub(super) fn mistakes() -> Vec<Mistake> {
             &["link.toml: is a device"],
         ),
         with(
-            &["--robot", "ur6", "--data", "good.csv"],
+            &["--robot", "ur5x", "--data", "good.csv"],
             "an unknown robot",
             "x",
             "",
-            &["\"ur6\" is neither built in nor a file", "did you mean ur5e?", "iiwa7"],
+            &["\"ur5x\" is neither built in nor a file", "did you mean ur5e?", "iiwa7"],
         ),
         with(
             &["--robot", "good.csv", "--data", "good.csv"],
