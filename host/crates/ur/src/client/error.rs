@@ -80,7 +80,7 @@ pub enum ClientError {
     /// The robot has no torque interface.
     #[error(
         "the robot's software {version} takes no torques: direct_torque needs PolyScope 5.25.1 on an e-Series robot, or PolyScope \
-         X 10.12.1; by positions an arm could move at 0.3 mm/s under 5 N on a sphere, and a CB3 feels forces within 10 N only. Update an \
+         X 10.12.1; by positions an arm would move at down to 0.3 mm/s under 5 N on a sphere, and a CB3 feels forces within 10 N only. Update an \
          e-Series robot, or give contacts by hand (`spherecal collect`)"
     )]
     NoTorques {

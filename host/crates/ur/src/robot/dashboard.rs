@@ -3,7 +3,7 @@
 use std::sync::atomic::Ordering;
 
 use super::controls::{Controls, Unlock};
-use crate::wire::{RobotMode, RuntimeState, SafetyMode, words};
+use crate::wire::{ControllerVersion, RobotMode, RuntimeState, SafetyMode, words};
 
 /// What a client reads first.
 pub(super) const GREETING: &[u8] = b"Connected: Universal Robots Dashboard Server\n";
@@ -15,8 +15,8 @@ pub(super) fn line(received: &mut Vec<u8>) -> Option<String> {
     Some(String::from_utf8_lossy(&line).trim().to_owned())
 }
 
-/// What the dashboard says, and does. `stopped_s`: how long the robot has been stopped.
-pub(super) fn answer(line: &str, controls: &Controls, stopped_s: f64) -> String {
+/// What the dashboard of a robot with this software says, and does. `stopped_s`: how long the robot has been stopped.
+pub(super) fn answer(line: &str, version: ControllerVersion, controls: &Controls, stopped_s: f64) -> String {
     let mode = controls.robot_mode.load(Ordering::Relaxed);
     let safety = controls.safety_mode.load(Ordering::Relaxed);
     let state = controls.runtime_state.load(Ordering::Relaxed);
@@ -48,10 +48,28 @@ pub(super) fn answer(line: &str, controls: &Controls, stopped_s: f64) -> String 
             }
             "Protective stop releasing".to_owned()
         }
-        "polyscopeversion" => "URSoftware 5.25.1.0 (simulated by spherecal)".to_owned(),
-        "get robot model" => "UR5".to_owned(),
+        "polyscopeversion" => format!("URSoftware {version} (simulated by spherecal)"),
         "get serial number" => "00000000000".to_owned(),
         "quit" => "Disconnected".to_owned(),
         other => format!("could not understand: '{other}'"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Controls, answer};
+    use crate::wire::{ControllerVersion, KinematicsInfo, Series};
+
+    // Fails if the dashboard tells another software than RTDE does, so that a CB3 seems to be an e-Series robot.
+    #[test]
+    fn the_dashboard_tells_the_software_of_its_robot() {
+        let version = super::super::RobotConfig::new(Series::Cb3, KinematicsInfo::default()).version;
+        for (version, told) in [
+            (version, "URSoftware 3.15.0.0 "),
+            (ControllerVersion::default(), "URSoftware 0.0.0.0 "),
+        ] {
+            let said = answer("PolyscopeVersion", version, &Controls::default(), 0.0);
+            assert!(said.starts_with(told), "{said}");
+        }
     }
 }

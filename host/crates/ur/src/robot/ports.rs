@@ -26,9 +26,9 @@ struct Sender {
 /// All ports but RTDE's.
 pub(super) struct Ports {
     scripts: [Box<dyn Listener>; 3],
-    /// The dashboard, or the Robot API of this PolyScope X.
+    /// The dashboard, or the Robot API of a PolyScope X.
     people_at: Box<dyn Listener>,
-    polyscope_x: Option<ControllerVersion>,
+    version: ControllerVersion,
     senders: Vec<Sender>,
     people: Vec<Wire>,
 }
@@ -36,7 +36,6 @@ pub(super) struct Ports {
 /// RTDE's port, and the others, below it but for the Robot API's. Port 0 takes any free group of such ports.
 pub(super) fn open(config: &RobotConfig) -> std::io::Result<(Box<dyn Listener>, Ports)> {
     let (machine, at): (&dyn Machine, _) = (config.machine.as_ref(), config.address);
-    let polyscope_x = Some(config.version).filter(ControllerVersion::is_polyscope_x);
     let mut refused = ErrorKind::AddrNotAvailable.into();
     for _ in 0..TRIALS {
         let rtde = machine.listen(at)?;
@@ -46,9 +45,12 @@ pub(super) fn open(config: &RobotConfig) -> std::io::Result<(Box<dyn Listener>, 
             machine.listen(SocketAddr::new(at.ip(), port))
         };
         let below = |by: u16| listen(port.checked_sub(by));
-        let people = || match polyscope_x {
-            Some(_) => listen(Some(robot_api_port(port))),
-            None => below(DASHBOARD_BELOW_RTDE),
+        let people = || {
+            if config.version.is_polyscope_x() {
+                listen(Some(robot_api_port(port)))
+            } else {
+                below(DASHBOARD_BELOW_RTDE)
+            }
         };
         let [primary, secondary, realtime] = SCRIPTS_BELOW_RTDE;
         let others = || Ok([below(primary)?, below(secondary)?, below(realtime)?]);
@@ -57,7 +59,7 @@ pub(super) fn open(config: &RobotConfig) -> std::io::Result<(Box<dyn Listener>, 
                 let ports = Ports {
                     scripts,
                     people_at,
-                    polyscope_x,
+                    version: config.version,
                     senders: Vec::new(),
                     people: Vec::new(),
                 };
@@ -89,7 +91,7 @@ impl Ports {
         while let Ok((stream, _)) = self.people_at.accept() {
             if self.people.len() < CLIENTS {
                 let mut wire = Wire::new(stream);
-                if self.polyscope_x.is_none() {
+                if !self.version.is_polyscope_x() {
                     wire.send(dashboard::GREETING);
                 }
                 self.people.push(wire);
@@ -97,20 +99,17 @@ impl Ports {
         }
         self.people.retain_mut(|wire| {
             let alive = wire.poll();
-            match self.polyscope_x {
-                Some(version) => {
-                    // One request on a connection.
-                    let request = HttpRequest::decode(&wire.received).transpose().filter(|_| !wire.ends());
-                    if let Some(request) = request {
-                        wire.send(&robot_api::answer(request.as_ref(), version, controls, stopped_s).encode());
-                        wire.finish();
-                    }
+            if self.version.is_polyscope_x() {
+                // One request on a connection.
+                let request = HttpRequest::decode(&wire.received).transpose().filter(|_| !wire.ends());
+                if let Some(request) = request {
+                    wire.send(&robot_api::answer(request.as_ref(), self.version, controls, stopped_s).encode());
+                    wire.finish();
                 }
-                None => {
-                    while let Some(line) = dashboard::line(&mut wire.received) {
-                        let answer = dashboard::answer(&line, controls, stopped_s);
-                        wire.send(format!("{answer}\n").as_bytes());
-                    }
+            } else {
+                while let Some(line) = dashboard::line(&mut wire.received) {
+                    let answer = dashboard::answer(&line, self.version, controls, stopped_s);
+                    wire.send(format!("{answer}\n").as_bytes());
                 }
             }
             alive
