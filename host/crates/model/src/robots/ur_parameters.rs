@@ -157,7 +157,7 @@ fn nearest(origins: &[JointOrigin]) -> Option<&'static str> {
     };
     vendor::UR_ROBOTS
         .iter()
-        .map(|(name, lengths)| (*name, off(&vendor::ur(*lengths))))
+        .filter_map(|name| Some((*name, off(&vendor::ur(ur_lengths(name)?)))))
         .filter(|(_, off)| *off < SAME_ROBOT_M)
         .min_by(|a, b| a.1.total_cmp(&b.1))
         .map(|(name, _)| name)
@@ -203,7 +203,7 @@ pub(super) fn load(path: &str, text: &str, name: Option<&str>) -> Result<RobotMo
     let Some((name, lengths)) = name.and_then(|name| Some((name, ur_lengths(name)?))) else {
         let remedy = format!(
             "name the arm that it corrects as {path}#NAME, with one of {}",
-            UR_ROBOTS.map(|(known, _)| known).join(", ")
+            UR_ROBOTS.join(", ")
         );
         return Err(refuse(path, "arm", name.unwrap_or("not named"), &remedy));
     };

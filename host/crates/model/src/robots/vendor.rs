@@ -12,6 +12,8 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::fmt::Write as _;
 
+use spherecal_shared::robot::built_in;
+
 use super::model::{Origin, RobotModel};
 use super::urdf::{JointMotion, Urdf, UrdfChain};
 use super::urdf_in;
@@ -110,18 +112,8 @@ fn origins<const N: usize>(rows: [(&str, [f64; 3], [f64; 3]); N]) -> Vec<JointOr
         .collect()
 }
 
-/// The built-in robots of Universal Robots, with the lengths d1, a2, a3, d4, d5, d6 of their data sheets, without signs (m).
-pub(super) const UR_ROBOTS: [(&str, [f64; 6]); 9] = [
-    ("ur5e", [0.1625, 0.425, 0.3922, 0.1333, 0.0997, 0.0996]),
-    ("ur10e", [0.1807, 0.6127, 0.57155, 0.17415, 0.11985, 0.11655]),
-    ("ur3e", [0.15185, 0.24355, 0.2132, 0.13105, 0.08535, 0.0921]),
-    ("ur16e", [0.1807, 0.4784, 0.36, 0.17415, 0.11985, 0.11655]),
-    ("ur20", [0.2363, 0.862, 0.7287, 0.201, 0.1593, 0.1543]),
-    ("ur30", [0.2363, 0.637, 0.5037, 0.201, 0.1593, 0.1543]),
-    ("ur3", [0.1519, 0.24365, 0.21325, 0.11235, 0.08535, 0.0819]),
-    ("ur5", [0.089159, 0.425, 0.39225, 0.10915, 0.09465, 0.0823]),
-    ("ur10", [0.1273, 0.612, 0.5723, 0.163941, 0.1157, 0.0922]),
-];
+/// The built-in robots of Universal Robots.
+pub(super) const UR_ROBOTS: [&str; 9] = ["ur5e", "ur10e", "ur3e", "ur16e", "ur20", "ur30", "ur3", "ur5", "ur10"];
 
 /// Nominal origins of a robot of Universal Robots from the lengths of its data sheet (m).
 pub(super) fn ur([d1, a2, a3, d4, d5, d6]: [f64; 6]) -> Vec<JointOrigin> {
@@ -164,12 +156,12 @@ pub(super) fn description_of(model: &RobotModel) -> Option<RobotModel> {
 /// MuJoCo Menagerie gives UR5e and UR10e (`armature`). It is a guess for the others.
 pub const UR_MOTOR_KG_M2: f64 = 0.1;
 
-/// The lengths d1, a2, a3, d4, d5, d6 (m) of a built-in robot of Universal Robots, by its name.
+/// The lengths d1, a2, a3, d4, d5, d6 (m) of a built-in robot of Universal Robots, by its name, as its data sheet states them: without
+/// signs.
 pub fn ur_lengths(name: &str) -> Option<[f64; 6]> {
-    UR_ROBOTS
-        .iter()
-        .find(|(known, _)| *known == name)
-        .map(|(_, lengths)| *lengths)
+    let robot = built_in(UR_ROBOTS.iter().find(|known| **known == name)?)?;
+    let row = |joint: usize| robot.joints.get(joint).map(|joint| joint.mdh);
+    Some([row(0)?.d, row(2)?.a, row(3)?.a, row(3)?.d, row(4)?.d, row(5)?.d])
 }
 
 /// The nominal description of a built-in robot by its vendor, where it is known.
@@ -185,7 +177,7 @@ fn nominal(name: &str) -> Option<RobotModel> {
 /// vendors' descriptions differ.
 pub(super) fn joint_names(name: &str) -> Vec<String> {
     match name {
-        name if UR_ROBOTS.iter().any(|(known, _)| *known == name) => UR_JOINTS.map(str::to_owned).to_vec(),
+        name if UR_ROBOTS.contains(&name) => UR_JOINTS.map(str::to_owned).to_vec(),
         "panda" | "fr3" => (1..=7).map(|k| format!("{name}_joint{k}")).collect(),
         _ => Vec::new(),
     }
