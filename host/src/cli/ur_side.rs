@@ -13,10 +13,10 @@ use super::robot_sides::{PlantArgs, address, guided, lines, wait};
 use crate::simulated;
 use spherecal_job as job;
 
-/// The robot without `--config`.
+/// The robot without `--config`; with `--cb3` it is that of [`CB3`] which is as large.
 const ROBOT: &str = "ur5e";
-/// Robots of the CB3 series; the second is the one without `--config`.
-const CB3: [&str; 3] = ["ur3", "ur5", "ur10"];
+/// Robots of the CB3 series.
+const CB3: [&str; 3] = ["ur5", "ur3", "ur10"];
 
 /// The largest number in a calibration: rad, or m between the frames of parallel joints.
 const MOST: f64 = 1e5;
@@ -45,8 +45,13 @@ pub(super) fn universal_robots(args: &PlantArgs, at: &str) -> Result<Exit, CliEr
     let at = address("--ur", at)?;
     let mut config = args.configuration()?;
     if args.config.is_none() {
-        (if args.cb3 { CB3[1] } else { ROBOT }).clone_into(&mut config.robot);
+        (if args.cb3 { CB3[0] } else { ROBOT }).clone_into(&mut config.robot);
     }
+    let series = if CB3.contains(&config.robot.as_str()) {
+        Series::Cb3
+    } else {
+        Series::ESeries
+    };
     let nominal = ur_lengths(&config.robot).ok_or_else(|| {
         CliError::input(format!(
             "--ur: robot is \"{}\", which is none of Universal Robots: write robot = \"{ROBOT}\" in the configuration, or leave \
@@ -54,6 +59,18 @@ pub(super) fn universal_robots(args: &PlantArgs, at: &str) -> Result<Exit, CliEr
             config.robot
         ))
     })?;
+    if args.cb3 && series != Series::Cb3 {
+        return Err(CliError::input(format!(
+            "--cb3: robot is \"{}\", which is no CB3: write robot = \"ur5\" in the configuration, or leave --cb3 out",
+            config.robot
+        )));
+    }
+    if args.polyscope_x && series == Series::Cb3 {
+        return Err(CliError::input(format!(
+            "--polyscope-x: robot is \"{}\", a CB3, whose software is 3: leave --polyscope-x out",
+            config.robot
+        )));
+    }
     let dh = match &args.dh {
         Some(path) => parameters(path)?,
         None => UrParameters::of_lengths(nominal),
@@ -62,22 +79,6 @@ pub(super) fn universal_robots(args: &PlantArgs, at: &str) -> Result<Exit, CliEr
         Some(path) => Box::new(guided::<6>(&config, path)?),
         None => Box::new(simulated::ur_robot(&config)?),
     };
-    let cb3 = CB3.contains(&config.robot.as_str());
-    let wrong = match () {
-        () if args.cb3 && !cb3 => Some((
-            "--cb3",
-            "which is no CB3: write robot = \"ur5\" in the configuration, or leave --cb3 out",
-        )),
-        () if args.polyscope_x && cb3 => Some(("--polyscope-x", "a CB3, whose software is 3: leave --polyscope-x out")),
-        () => None,
-    };
-    if let Some((option, why)) = wrong {
-        return Err(CliError::input(format!(
-            "{option}: robot is \"{}\", {why}",
-            config.robot
-        )));
-    }
-    let series = if cb3 { Series::Cb3 } else { Series::ESeries };
     let kinematics = KinematicsInfo {
         theta: dh.theta,
         a: dh.a,
